@@ -1,0 +1,56 @@
+# Roundel's errands. `make help` lists them. Recipes are POSIX sh; everything runs from .venv.
+
+PYTHON ?= python3
+PYTEST_FLAGS ?=
+BIN = .venv/bin
+ROOMS = configs scenes render datasets solver validate cli
+# Rewritten when the environment is complete; older than what it was made from, it is made again.
+STAMP = .venv/.roundel-stamp
+
+.PHONY: help env demo test test-slow check links bench clean distclean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+env: $(STAMP) ## the virtual environment .venv, with Roundel installed editable
+
+$(STAMP): pyproject.toml constraints.txt
+	@if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	    $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	        echo "error: Roundel needs Python 3.11 or newer; '$(PYTHON)' is not: try make PYTHON=python3.12" >&2; exit 1; }; \
+	    $(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	        echo "error: '$(PYTHON)' cannot make environments: install its venv package (Debian: apt-get install python3-venv)" >&2; exit 1; }; \
+	    echo "$(PYTHON) -m venv .venv" && $(PYTHON) -m venv .venv || exit 1; \
+	fi
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: env ## render, solve and validate configs/demo.yaml into out/demo
+	$(BIN)/roundel run configs/demo.yaml out/demo
+
+test: env ## the tests, without those marked slow
+	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_FLAGS)
+
+test-slow: env ## only the tests marked slow
+	$(BIN)/python -m pytest -m slow $(PYTEST_FLAGS)
+
+check: env links ## ruff, mypy --strict, import-linter
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# Static checkers cannot follow the editable mapping of rooms to `roundel.*`: they follow these links.
+links:
+	@mkdir -p .links/roundel
+	@for room in $(ROOMS); do [ -L .links/roundel/$$room ] || ln -s ../../$$room .links/roundel/$$room || exit 1; done
+
+bench: env ## speed and accuracy against peers
+	@if [ -f benchmarks/run.py ]; then $(BIN)/python benchmarks/run.py; else echo "no benchmarks yet: there is no benchmarks/run.py"; fi
+
+clean: ## remove caches, links, build products and out/demo
+	rm -rf .links .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist roundel.egg-info out/demo
+	find $(ROOMS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## clean, and remove .venv too
+	rm -rf .venv

@@ -1,0 +1,1 @@
+"""The `roundel` command: arguments, progress, exit codes; no numerics."""

@@ -1,0 +1,58 @@
+"""What a study will cost, before it is rendered: frames, time, disk. Orders of magnitude, and said so."""
+
+from __future__ import annotations
+
+from roundel.scenes.frame import frame_of, frames_of, group_ranges
+from roundel.scenes.sampling import cells_of
+from roundel.scenes.study import Study
+
+# Two cores, path samples with direct light, encoding and measuring of a frame (docs/decisions, 003).
+_SAMPLES_A_SECOND = 5e6
+_SECONDS_A_FRAME = 0.4
+_PNG_BYTES_A_PIXEL = 0.6
+_EXR_BYTES_A_PIXEL = 4.0
+
+
+def _images_of(study: Study) -> dict[str, int]:
+    return {n: len(ids) for n, ids in group_ranges(study).items() if study.groups[n].mode == "images"}
+
+
+def disk_bytes(study: Study) -> float:
+    """Bytes on disk, about."""
+    total = 0.0
+    for name, count in _images_of(study).items():
+        group = study.groups[name]
+        pixel = _PNG_BYTES_A_PIXEL * group.sensor.bits / 8 + (_EXR_BYTES_A_PIXEL if group.render.radiance else 0)
+        total += count * group.camera.width_px * group.camera.height_px * pixel
+    return total
+
+
+def cost_of(study: Study) -> list[str]:
+    """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
+    from roundel.render.samples import sample_map
+
+    lines = []
+    seconds = 0.0
+    ranges = group_ranges(study)
+    for _ in frames_of(study):
+        pass
+    for name, ids in ranges.items():
+        group = study.groups[name]
+        text = f"group {name}: {len(ids)} frames"
+        if cells_of(group) > 1:
+            text += f" in {cells_of(group)} cells"
+        if group.sweep:
+            text += f", {len(group.sweep.levels)} levels of {group.sweep.key}"
+        if group.mode == "images":
+            # A few frames, evenly taken, stand for all.
+            some = sorted({ids[i * (len(ids) - 1) // 4] for i in range(5)})
+            samples = sum(int(sample_map(frame_of(study, i)).sum()) for i in some) / len(some)
+            seconds += len(ids) * (samples / _SAMPLES_A_SECOND + _SECONDS_A_FRAME)
+            text += f", {samples / 1e6:.1f} million rays each"
+        else:
+            text += ", points only"
+        lines.append(text)
+    lines.append(
+        f"about {seconds / 60:.1f} minutes of rendering on two cores, {disk_bytes(study) / 1e9:.2f} GB on disk"
+    )
+    return lines

@@ -1,0 +1,87 @@
+"""`roundel doctor`: what is installed, what was chosen, what is missing and its remedy."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib import metadata
+
+_PACKAGES = (
+    "mitsuba",
+    "drjit",
+    "karellen-llvm-core",
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "OpenEXR",
+    "PyYAML",
+    "pydantic",
+    "pyarrow",
+    "matplotlib",
+    "jinja2",
+    "rich",
+    "pillow",
+)
+
+
+def _ximgproc() -> str | None:
+    """What is wrong with OpenCV's extra modules, or None."""
+    try:
+        import cv2
+    except ImportError as error:
+        return f"OpenCV does not load: {error}; pip install opencv-contrib-python-headless"
+    if not hasattr(cv2, "ximgproc") or not hasattr(cv2.ximgproc, "createEdgeDrawing"):
+        return (
+            "this OpenCV has no ximgproc: pip uninstall opencv-python*, then pip install opencv-contrib-python-headless"
+        )
+    return None
+
+
+def _render_one() -> tuple[str, str | None]:
+    """Start the renderer and trace one ray for real: (what was found, what is wrong or None)."""
+    from roundel.render.backend import environment, find_llvm, start
+    from roundel.scenes.errors import RoundelError
+
+    try:
+        llvm = find_llvm()
+        found = f"LLVM {llvm.version or '(version unknown)'} from {llvm.source}: {llvm.path}"
+        mi = start()
+        import drjit as dr
+
+        total = dr.sum(dr.square(dr.arange(mi.Float, 1000)))
+        # float32 sums of a thousand terms agree to a thousand ulps at the worst.
+        if abs(float(total[0]) / 332_833_500.0 - 1) > 1e-4:
+            return found, "the renderer computes wrong sums; reinstall drjit and mitsuba"
+        made = environment()
+    except RoundelError as error:
+        return "", str(error)
+    except (ImportError, RuntimeError, OSError) as error:
+        return "", f"the renderer does not start: {str(error).splitlines()[0]}"
+    return (
+        f"{found}; variant {made['variant']}, SIMD width {made.get('simd_width', '-')}, {dr.thread_count()} threads",
+        None,
+    )
+
+
+def examine() -> tuple[list[str], bool]:
+    """Lines to print, and whether all is well."""
+    lines = [
+        f"roundel {metadata.version('roundel')}",
+        f"Python {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores",
+    ]
+    problems = []
+    for package in _PACKAGES:
+        try:
+            lines.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            if package == "karellen-llvm-core":
+                # Only brought in on Linux x86-64; elsewhere the system's LLVM serves.
+                lines.append(f"{package}: not installed")
+            else:
+                problems.append(f"{package} is missing: pip install {package}")
+    found, trouble = _render_one()
+    if found:
+        lines.append(found)
+    problems += [wrong for wrong in (_ximgproc(), trouble) if wrong]
+    lines += [f"problem: {p}" for p in problems] or ["all well"]
+    return lines, not problems

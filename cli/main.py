@@ -1,0 +1,178 @@
+"""The `roundel` command: arguments in, exit codes out. Rooms are imported by the verb that needs them."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+EXIT_CODES = """exit codes: 0 well, 1 worse (gate), 2 usage or study error, 3 not comparable or too few samples,
+4 run-time failure or corrupt data, 130 interrupted"""
+
+
+def _frames(text: str) -> range:
+    start, colon, stop = text.partition(":")
+    try:
+        frames = range(int(start or 0), int(stop) if stop else int(start) + 1 if not colon else sys.maxsize)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: frames are A:B, from A up to but not with B, as in 0:100"
+        ) from None
+    if frames.start < 0 or len(frames) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r}: no frames in this range; give A:B with A smaller than B")
+    return frames
+
+
+def _count(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a whole number, 1 or more")
+    return value
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a positive number")
+    return value
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """All verbs and their arguments; imports nothing but argparse."""
+    parser = argparse.ArgumentParser(
+        prog="roundel",
+        description="Ray-traced datasets of circular markers, exact truth, single-circle pose, and its validation.",
+        epilog=EXIT_CODES,
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
+
+    def verb(name: str, text: str) -> argparse.ArgumentParser:
+        return verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=EXIT_CODES)
+
+    def rendering(one: argparse.ArgumentParser) -> None:
+        one.add_argument(
+            "--jobs", type=_count, default=1, metavar="N", help="processes (default 1; one uses all cores)"
+        )
+        one.add_argument("--threads", type=_count, metavar="N", help="threads a process (default: all cores)")
+
+    check = verb("check", "read a study, print it resolved, its frames and its cost")
+    check.add_argument("study", nargs="?", metavar="STUDY")
+    check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
+
+    render = verb("render", "render a study to a dataset; resumes by itself")
+    render.add_argument("study", metavar="STUDY")
+    render.add_argument("dataset", metavar="DATASET")
+    render.add_argument("--frames", type=_frames, metavar="A:B", help="only these frames")
+    rendering(render)
+
+    solve = verb("solve", "estimate the pose of every circle in a dataset")
+    solve.add_argument("dataset", metavar="DATASET")
+    solve.add_argument("out", metavar="OUT")
+    solve.add_argument(
+        "--method", action="append", metavar="NAME", help="ml (default), direct, edgedrawing; may repeat"
+    )
+    solve.add_argument(
+        "--intrinsics",
+        action="append",
+        metavar="SPEC",
+        help="true, default, default:width, exif, scaled:0.7, calibrated:FILE; may repeat (default: the study's)",
+    )
+    solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; may repeat")
+    solve.add_argument(
+        "--knowledge", choices=("none", "same_side", "opposite_side"), help="declared knowledge about the pose"
+    )
+
+    validate = verb("validate", "score estimates against the truth")
+    validate.add_argument("dataset", metavar="DATASET")
+    validate.add_argument("estimates", metavar="ESTIMATES", nargs="+")
+    validate.add_argument("--out", required=True, metavar="REPORT")
+    validate.add_argument(
+        "--extent-D", type=_positive, metavar="D", help="half side of the reprojection grid (default: the study's)"
+    )
+    validate.add_argument(
+        "--camera", metavar="FILE", help="calibrated camera, for the pose of a chessboard beside the marker"
+    )
+
+    run = verb("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
+    run.add_argument("study", metavar="STUDY")
+    run.add_argument("out", metavar="OUT")
+    rendering(run)
+
+    calibrate = verb("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")
+    calibrate.add_argument("dataset", metavar="DATASET")
+    calibrate.add_argument("camera", metavar="CAMERA", help="where the camera file is written")
+    calibrate.add_argument("--group", metavar="GROUP", help="the chessboards (default: the only such group)")
+
+    verify = verb("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
+    verify.add_argument("dataset", metavar="DATASET")
+    verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
+
+    verb("doctor", "print versions and the renderer's backend, what is missing, and its remedy")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from roundel.cli import verbs
+
+    action: Callable[[argparse.Namespace], int] = getattr(verbs, f"do_{arguments.verb}")
+    return action(arguments)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; expected failures become one line on stderr and an exit code."""
+    parser = build_parser()
+    arguments = parser.parse_args(argv)
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"roundel {version('roundel')}")
+        return 0
+    if arguments.verb is None:
+        parser.print_help()
+        return 2
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("roundel: interrupted; what is finished is kept", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away (`roundel check | head`); nothing is wrong.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        from roundel.scenes.errors import RoundelError
+
+        if os.environ.get("ROUNDEL_DEBUG"):
+            raise
+        if isinstance(error, RoundelError):
+            print(f"roundel: {_one_line(error)}", file=sys.stderr)
+            return error.exit_code
+        if isinstance(error, MemoryError):
+            print("roundel: out of memory; use fewer --jobs or smaller frames", file=sys.stderr)
+        elif isinstance(error, OSError):
+            print(f"roundel: {error.filename or ''}: {error.strerror or _one_line(error)}", file=sys.stderr)
+        else:
+            print(
+                f"roundel: internal error: {type(error).__name__}: {_one_line(error)}; "
+                "this is a bug, ROUNDEL_DEBUG=1 shows where",
+                file=sys.stderr,
+            )
+        return 4
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,248 @@
+"""What each verb does: a few lines that call the rooms. No numerics here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+from roundel.cli.progress import progress
+from roundel.scenes.errors import DataError, UsageError
+
+
+def do_check(arguments: argparse.Namespace) -> int:
+    """Read a study, place every frame, print it resolved."""
+    if arguments.schema:
+        from roundel.scenes.schema import json_schema
+
+        print(json.dumps(json_schema(), indent=2))
+        return 0
+    if arguments.study is None:
+        raise UsageError("check: name a STUDY, or ask for --schema")
+    from roundel.cli.cost import cost_of
+    from roundel.datasets.finish import study_bytes
+
+    study = _study(arguments.study)
+    cost = cost_of(study)
+    print(study_bytes(study).decode(), end="")
+    print(f"# dataset_id {study.digest()}")
+    for line in cost:
+        print(f"# {line}")
+    return 0
+
+
+def _study(path: str) -> Any:
+    """A study whose methods and intrinsics are known, too: better now than after an hour of rendering."""
+    from roundel.scenes.study import load_study
+    from roundel.solver.intrinsics import parse_intrinsics
+    from roundel.solver.solve import check_methods
+
+    study = load_study(path)
+    try:
+        check_methods(study.solve.methods)
+        for label in study.solve.intrinsics:
+            if label != "calibrated":
+                parse_intrinsics(label)
+    except UsageError as error:
+        line, column = study.marks.get(("solve",), (1, 1))
+        raise UsageError(f"{path}:{line}:{column}: solve: {error}") from error
+    return study
+
+
+def _room_for(study: Any, out: Path) -> None:
+    from roundel.cli.cost import disk_bytes
+
+    folder = next(p for p in (out, *out.absolute().parents) if p.exists())
+    free, needed = shutil.disk_usage(folder).free, disk_bytes(study)
+    if needed > free:
+        print(
+            f"roundel: warning: {folder} has {free / 1e9:.1f} GB free, this study may need {needed / 1e9:.1f} GB",
+            file=sys.stderr,
+        )
+
+
+def do_render(arguments: argparse.Namespace) -> int:
+    """Render a study to a dataset."""
+    from roundel.render.run import render_study
+
+    study, out = _study(arguments.study), Path(arguments.dataset)
+    _room_for(study, out)
+    with progress("render") as show:
+        dataset = render_study(
+            study, out, jobs=arguments.jobs, threads=arguments.threads, frames=arguments.frames, progress=show
+        )
+    if dataset is None:
+        print(f"{out}: frames are still missing; run `roundel render` without --frames to finish")
+    else:
+        print(f"{out}: {len(dataset)} frames, dataset_id {dataset.manifest['dataset_id'][:12]}")
+        print(_fidelity_line(dataset.manifest))
+    return 0
+
+
+def _fidelity_line(manifest: dict[str, Any]) -> str:
+    measured = manifest.get("fidelity", {})
+    if not measured.get("circles"):
+        return f"fidelity: not measured ({measured.get('reason', 'no circles')})"
+    x, y, scale = (measured[k] for k in ("shift_x_px", "shift_y_px", "scale_px"))
+    return (
+        f"fidelity over {measured['circles']} circles, image against analytic contour: "
+        f"shift x {x['mean']:+.5f} +- {x['ci95']:.5f} px, y {y['mean']:+.5f} +- {y['ci95']:.5f} px, "
+        f"size {scale['mean']:+.5f} +- {scale['ci95']:.5f} px; "
+        f"edge residual {100 * measured['residual']:.2f} % of the contrast "
+        f"(Monte-Carlo error {100 * measured['monte_carlo']:.2f} %)"
+    )
+
+
+def do_solve(arguments: argparse.Namespace) -> int:
+    """Estimate poses from a dataset's images."""
+    from roundel.datasets.dataset import read_manifest
+    from roundel.datasets.images import open_images
+    from roundel.solver.solve import solve_dataset
+
+    dataset = Path(arguments.dataset)
+    # Opened first: a folder that is no dataset has a clearer sentence to say than its missing study.
+    groups = sorted(set(open_images(dataset).groups))
+    wanted = read_manifest(dataset)["study"].get("solve", {})
+    chosen = arguments.group or wanted.get("groups")
+    for group in chosen or []:
+        if group not in groups:
+            raise UsageError(f"--group {group}: the dataset has {', '.join(groups)}")
+    intrinsics = arguments.intrinsics or [
+        label for label in wanted.get("intrinsics", ["true"]) if label != "calibrated"
+    ]
+    with progress("solve") as show:
+        counts = solve_dataset(
+            dataset,
+            Path(arguments.out),
+            methods=tuple(arguments.method or wanted.get("methods", ["ml"])),
+            intrinsics=tuple(intrinsics or ["true"]),
+            groups=chosen,
+            knowledge=_knowledge(arguments.knowledge or wanted.get("knowledge")),
+            progress=show,
+        )
+    print(f"{arguments.out}: {_counted(counts)}")
+    return 0
+
+
+def _knowledge(word: str | None) -> str | None:
+    return None if word in (None, "none") else word
+
+
+def _counted(counts: Any) -> str:
+    return ", ".join(f"{value} {name.replace('_', ' ')}" for name, value in dict(counts).items())
+
+
+def do_validate(arguments: argparse.Namespace) -> int:
+    """Score estimates."""
+    from roundel.datasets.dataset import open_dataset
+    from roundel.validate.summary import terminal_table
+    from roundel.validate.validate import validate_dataset
+
+    asked = open_dataset(arguments.dataset).study.get("validate", {})
+    extent = arguments.extent_D or asked.get("reprojection_extent_D", 3.0)
+    out = Path(arguments.out)
+    summary = validate_dataset(
+        arguments.dataset, arguments.estimates, out, extent_D=extent, camera_path=arguments.camera
+    )
+    print(terminal_table(summary))
+    print(f"report: {out / 'report.html'}")
+    return 0
+
+
+def do_run(arguments: argparse.Namespace) -> int:
+    """Render, solve, validate."""
+    from roundel.render.run import render_study
+    from roundel.solver.solve import solve_dataset
+    from roundel.validate.calibration import calibrate_dataset
+    from roundel.validate.summary import terminal_table
+    from roundel.validate.validate import validate_dataset
+
+    study, out = _study(arguments.study), Path(arguments.out)
+    _room_for(study, out)
+    with progress("render") as show:
+        dataset = render_study(study, out / "dataset", jobs=arguments.jobs, threads=arguments.threads, progress=show)
+    assert dataset is not None, "a run without --frames finishes its dataset"
+    print(_fidelity_line(dataset.manifest))
+    camera: Path | None = None
+    if study.solve.calibrate_from is not None:
+        camera = out / "chessboard.json"
+        print(_calibration_line(calibrate_dataset(out / "dataset", camera, group=study.solve.calibrate_from)))
+    labels = [f"calibrated:{camera}" if label == "calibrated" else label for label in study.solve.intrinsics]
+    if not _has_circles(dataset, study.solve.groups):
+        print("no circular markers to solve; the dataset is finished")
+        return 0
+    with progress("solve") as show:
+        solve_dataset(
+            out / "dataset",
+            out / "estimates",
+            methods=tuple(study.solve.methods),
+            intrinsics=tuple(labels),
+            groups=study.solve.groups,
+            knowledge=_knowledge(study.solve.knowledge),
+            progress=show,
+        )
+    summary = validate_dataset(
+        out / "dataset",
+        [out / "estimates"],
+        out / "report",
+        extent_D=study.validate.reprojection_extent_D,
+        camera_path=camera,
+    )
+    print(terminal_table(summary))
+    print(f"report: {out / 'report' / 'report.html'}")
+    return 0
+
+
+def _has_circles(dataset: Any, groups: list[str] | None) -> bool:
+    table = dataset.truth
+    rows = zip(table["group"].to_pylist(), table["radius_m"].to_pylist(), strict=True)
+    return any(radius is not None and (groups is None or group in groups) for group, radius in rows)
+
+
+def do_calibrate(arguments: argparse.Namespace) -> int:
+    """Calibrate from chessboards."""
+    from roundel.validate.calibration import calibrate_dataset
+
+    result = calibrate_dataset(Path(arguments.dataset), Path(arguments.camera), group=arguments.group)
+    print(_calibration_line(result))
+    print(f"camera: {arguments.camera}")
+    return 0
+
+
+def _calibration_line(record: dict[str, Any]) -> str:
+    from roundel.validate.calibration import calibration_lines
+
+    return "\n".join(calibration_lines(record))
+
+
+def do_verify(arguments: argparse.Namespace) -> int:
+    """Compare a dataset with its manifest."""
+    from roundel.datasets.dataset import read_manifest
+    from roundel.datasets.verify import verify_dataset
+
+    path = Path(arguments.dataset)
+    if not path.is_dir():
+        raise DataError(f"{path}: not a dataset: there is no such folder")
+    manifest = read_manifest(path)
+    findings = verify_dataset(path, full=arguments.full)
+    if findings:
+        for finding in findings[:20]:
+            print(finding)
+        raise DataError(f"{path}: {len(findings)} of its files are wrong")
+    depth = "every checksum agrees" if arguments.full else "sizes agree; --full compares checksums"
+    print(f"{path}: {len(manifest['files'])} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
+    print(_fidelity_line(manifest))
+    return 0
+
+
+def do_doctor(arguments: argparse.Namespace) -> int:
+    """Versions, backend, what is missing."""
+    from roundel.cli.doctor import examine
+
+    lines, well = examine()
+    for line in lines:
+        print(line)
+    return 0 if well else 4

@@ -1,0 +1,1 @@
+"""Studies in YAML that ship with Roundel."""

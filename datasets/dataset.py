@@ -1,0 +1,89 @@
+"""A dataset with its truth: what the validator opens (a solver opens `datasets.images`)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from roundel.datasets import files
+from roundel.datasets.images import Images, open_images
+from roundel.datasets.verify import Finding, verify_dataset
+from roundel.scenes.camera import Camera
+from roundel.scenes.errors import DataError
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A finished dataset on disk."""
+
+    path: Path
+    images: Images
+    truth: pa.Table
+    manifest: dict[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @property
+    def study(self) -> dict[str, Any]:
+        """The study, resolved."""
+        return dict(self.manifest["study"])
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The camera of each frame."""
+        return [self.images.camera(i) for i in range(len(self.images))]
+
+    def verify(self, full: bool = False) -> list[Finding]:
+        """What is wrong with the files; empty when all is well. See `datasets.verify`."""
+        return verify_dataset(self.path, full=full)
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """The manifest of a dataset.
+
+    Raises
+    ------
+    DataError
+        If it is missing or is not one.
+    """
+    file = path / files.MANIFEST
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise DataError(f"{file}: the manifest is missing; finish the dataset with `roundel render`") from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to write it anew") from error
+    needed = {"schema", "dataset_id", "study", "files", "counts"}
+    if not isinstance(manifest, dict) or needed - set(manifest):
+        raise DataError(f"{file}: not the manifest of a Roundel dataset")
+    if manifest["schema"] != 1:
+        raise DataError(f"{file}: schema {manifest['schema']} is not known to this version; use a newer Roundel")
+    return manifest
+
+
+def open_dataset(path: str | Path) -> Dataset:
+    """Open a finished dataset.
+
+    Raises
+    ------
+    DataError
+        If the folder is not a dataset, is not finished, or its tables are corrupt.
+    """
+    path = Path(path)
+    images = open_images(path)
+    manifest = read_manifest(path)
+    file = path / files.TRUTH
+    try:
+        truth = pq.read_table(file)
+    except (OSError, pa.ArrowException) as error:
+        raise DataError(f"{file}: the truth is missing or corrupt; run `roundel render` again") from error
+    missing = {"frame_id", "marker_id", "camera_from_marker_00"} - set(truth.column_names)
+    if missing:
+        raise DataError(f"{file}: has no column {', '.join(sorted(missing))}; is this a Roundel dataset?")
+    return Dataset(path, images, truth, manifest)

@@ -1,0 +1,101 @@
+"""The write protocol, and the names of a dataset's files.
+
+A file appears whole or not at all: a temporary name in the same folder, write, flush, fsync, close, `os.replace`,
+fsync of the folder. Solver and validator write their records the same way.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+from roundel.scenes.errors import DataError
+
+MANIFEST = "manifest.json"
+STUDY = "study.yaml"
+TRUTH = "truth.parquet"
+TRUTH_CSV = "truth.csv"
+CAMERAS = "cameras.json"
+POINTS = "points.parquet"
+JOURNAL = "journal.jsonl"
+TIMINGS = "timings.jsonl"
+
+
+def image_name(frame_id: int) -> str:
+    """Path of a frame's image within the dataset."""
+    return f"images/{frame_id:06d}.png"
+
+
+def radiance_name(frame_id: int) -> str:
+    """Path of a frame's radiance within the dataset."""
+    return f"radiance/{frame_id:06d}.exr"
+
+
+def sha256(data: bytes) -> str:
+    """Hexadecimal sha256."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def write_failure(path: Path, error: OSError) -> DataError:
+    """The one line for a file that cannot be written."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return DataError(
+            f"{path}: the disk is full; free some space and run the same command again: what is finished is kept"
+        )
+    return DataError(f"{path}: cannot write: {error.strerror or error}")
+
+
+def _sync_folder(folder: Path) -> None:
+    # Windows cannot open a folder; its file system orders the rename itself.
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def write_file(path: str | Path, data: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written (a full disk, say); nothing is left behind.
+    """
+    path = Path(path)
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        # mkstemp makes files that only their owner reads; a dataset is for sharing.
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+        temporary = None
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise write_failure(path, error) from error
+    finally:
+        if temporary is not None and os.path.exists(temporary):
+            os.unlink(temporary)
+
+
+def append_line(path: str | Path, line: str) -> None:
+    """Append one line and make it safe before returning."""
+    path = Path(path)
+    try:
+        with path.open("ab") as file:
+            file.write(line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise write_failure(path, error) from error

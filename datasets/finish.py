@@ -1,0 +1,131 @@
+"""The last step of a dataset: what the frames add up to, and the manifest, written last of all."""
+
+from __future__ import annotations
+
+import io
+import json
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import yaml
+
+from roundel.datasets import files, journal
+from roundel.datasets.fidelity import summarise
+from roundel.datasets.truth_table import POINTS_SCHEMA, csv_bytes, parquet_bytes, truth_table
+from roundel.scenes.camera import camera_to_json
+from roundel.scenes.edge_points import edge_points_of
+from roundel.scenes.frame import Frame, frames_of, total_frames
+from roundel.scenes.study import Study
+from roundel.scenes.truth import truth_of
+
+_PACKAGES = (
+    "roundel",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "pillow",
+    "OpenEXR",
+    "pyarrow",
+)
+
+
+def study_bytes(study: Study) -> bytes:
+    """The resolved study as YAML."""
+    sink = io.StringIO()
+    yaml.safe_dump(study.resolved(), sink, sort_keys=False, width=120)
+    return sink.getvalue().encode()
+
+
+def versions() -> dict[str, str]:
+    """Installed versions of what the bytes of a dataset depend on."""
+    found = {}
+    for package in _PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
+
+
+def camera_record(frame: Frame) -> dict[str, Any]:
+    """A frame's entry in cameras.json: what a solver may know. No pose, no truth."""
+    mode = frame.settings.mode
+    record: dict[str, Any] = {"frame_id": frame.frame_id, "group": frame.group, "mode": mode}
+    if mode == "images":
+        record["image"] = files.image_name(frame.frame_id)
+    record.update(camera_to_json(frame.camera))
+    record["markers"] = [
+        {
+            "marker_id": part.marker_id,
+            "kind": part.kind,
+            "diameter_m": None if part.radius_m is None else 2 * part.radius_m,
+            "layout": part.layout,
+        }
+        for part in frame.sheet.parts
+    ]
+    return record
+
+
+def finish_dataset(study: Study, dataset: Path, entries: dict[int, journal.Entry], environment: dict[str, Any]) -> None:
+    """Write tables, cameras, sorted journal, and the manifest last: the same bytes in any order of work."""
+    rows: list[dict[str, Any]] = []
+    cameras: list[dict[str, Any]] = []
+    points: dict[str, list[Any]] = {name: [] for name in POINTS_SCHEMA.names}
+    for frame in frames_of(study):
+        photometry = entries.get(frame.frame_id, {}).get("photometry", {})
+        for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
+            rows.append({**row, **photometry.get(str(part.marker_id), {})})
+            if frame.settings.mode == "points":
+                xy = edge_points_of(frame, part)
+                points["frame_id"] += [frame.frame_id] * len(xy)
+                points["marker_id"] += [part.marker_id] * len(xy)
+                points["x_px"] += xy[:, 0].tolist()
+                points["y_px"] += xy[:, 1].tolist()
+        cameras.append(camera_record(frame))
+    table = truth_table(rows)
+    written = {
+        files.STUDY: study_bytes(study),
+        files.TRUTH: parquet_bytes(table),
+        files.TRUTH_CSV: csv_bytes(table),
+        files.CAMERAS: _json({"schema": 1, "frames": cameras}),
+    }
+    if points["frame_id"]:
+        written[files.POINTS] = parquet_bytes(pa.table(points, schema=POINTS_SCHEMA))
+    for name, data in written.items():
+        files.write_file(dataset / name, data)
+    journal.rewrite(dataset, entries)
+    listed = {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()}
+    lines = (dataset / files.JOURNAL).read_bytes()
+    listed[files.JOURNAL] = {"sha256": files.sha256(lines), "bytes": len(lines)}
+    for entry in entries.values():
+        listed.update(entry["files"])
+    measured = [m for i in sorted(entries) for m in entries[i]["fidelity"].values() if m]
+    manifest = {
+        "schema": 1,
+        "tool": "roundel",
+        "name": study.name,
+        "licence": study.licence,
+        "study": study.resolved(),
+        "study_sha256": listed[files.STUDY]["sha256"],
+        "dataset_id": study.digest(),
+        "seed": study.seed,
+        "versions": versions(),
+        "environment": environment,
+        "counts": {
+            "frames": total_frames(study),
+            "images": len(entries),
+            "markers": len(rows),
+            "groups": {name: sum(c["group"] == name for c in cameras) for name in study.groups},
+        },
+        "fidelity": summarise(measured),
+        "files": dict(sorted(listed.items())),
+    }
+    files.write_file(dataset / files.MANIFEST, _json(manifest))

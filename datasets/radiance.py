@@ -1,0 +1,53 @@
+"""Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance beside it.
+
+Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres (0: nothing was hit),
+`coverage.<marker_id>`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.errors import DataError
+
+Planes = dict[str, NDArray[np.float32]]
+
+
+def encode_radiance(planes: Planes) -> bytes:
+    """The bytes of an EXR file with these planes, each (H, W) float32."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {name: np.ascontiguousarray(plane, dtype=np.float32) for name, plane in planes.items()}
+    # The library writes to named files only; the dataset's own write protocol takes bytes.
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "radiance.exr"
+        OpenEXR.File(header, channels).write(str(path))
+        return path.read_bytes()
+
+
+def read_radiance(path: str | Path) -> Planes:
+    """Planes of an EXR file, by channel.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, truncated, or no radiance of ours.
+    """
+    import OpenEXR
+
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: this radiance is missing; render the dataset again (render.radiance: true)")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    except Exception as error:  # the binding raises bare RuntimeError, OSError and its own types alike
+        raise DataError(f"{path}: truncated or not an EXR file; render the dataset again") from error
+    if "Y" not in planes or not np.all(np.isfinite(planes["Y"])):
+        raise DataError(f"{path}: has no finite radiance channel Y; render the dataset again")
+    return planes

@@ -1,0 +1,96 @@
+"""Integrity of a dataset: every file there, of its size, and (in full) of its checksum and readable. Never writes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from roundel.datasets import files, journal
+from roundel.datasets.images import read_image
+from roundel.datasets.radiance import read_radiance
+from roundel.scenes.errors import DataError
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong: which file, what, and what to do."""
+
+    name: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.what}"
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_file(path: Path, name: str, size: int, digest: str, full: bool) -> str | None:
+    file = path / name
+    if not file.is_file():
+        return "missing; run `roundel render` again to restore it"
+    if file.stat().st_size != size:
+        return f"{file.stat().st_size} bytes, the manifest says {size}; run `roundel render` again to restore it"
+    if full and _digest(file) != digest:
+        return "its sha256 differs from the manifest's; delete it and run `roundel render` again"
+    if full and name.endswith((".png", ".exr")):
+        try:
+            if name.endswith(".png"):
+                read_image(file)
+            else:
+                read_radiance(file)
+        except DataError as error:
+            return str(error).removeprefix(f"{file}: ")
+    return None
+
+
+def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
+    """Compare a dataset with its manifest.
+
+    Parameters
+    ----------
+    path : path
+    full : bool
+        Also compute every sha256 and decode every image; otherwise sizes only.
+
+    Returns
+    -------
+    list of Finding
+        Empty when all is well.
+
+    Raises
+    ------
+    DataError
+        If there is no readable manifest.
+    """
+    path = Path(path)
+    file = path / files.MANIFEST
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+        recorded = {name: (int(r["bytes"]), str(r["sha256"])) for name, r in manifest["files"].items()}
+    except FileNotFoundError as error:
+        raise DataError(f"{file}: the manifest is missing; this is no finished dataset") from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to write it anew") from error
+    findings = []
+    for name, (size, digest) in sorted(recorded.items()):
+        wrong = _check_file(path, name, size, digest, full)
+        if wrong is not None:
+            findings.append(Finding(name, wrong))
+    for folder in ("images", "radiance"):
+        for extra in sorted((path / folder).glob("*")):
+            name = f"{folder}/{extra.name}"
+            if name not in recorded:
+                findings.append(Finding(name, "not in the manifest; delete it"))
+    try:
+        entries = journal.read(path)
+        listed = {name for entry in entries.values() for name in entry["files"]}
+        for name in sorted(n for n in recorded if n.startswith(("images/", "radiance/")) and n not in listed):
+            findings.append(Finding(name, "in the manifest but not in the journal; run `roundel render` again"))
+    except DataError as error:
+        findings.append(Finding(files.JOURNAL, str(error)))
+    return findings

@@ -1,0 +1,1 @@
+"""Mitsuba 3: a frame to radiance, radiance to digital numbers."""

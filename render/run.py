@@ -1,0 +1,221 @@
+"""`roundel render`: a study to a dataset on disk. Resumes by itself; a killed run loses at most the frame it was at."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets import files, journal
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.fidelity import measure_circle
+from roundel.datasets.finish import finish_dataset, study_bytes
+from roundel.datasets.radiance import encode_radiance
+from roundel.render.backend import DEFAULT_VARIANT, environment, start
+from roundel.render.develop import develop, edge_photometry, exposure_of
+from roundel.scenes.errors import DataError, RoundelError, UsageError
+from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
+from roundel.scenes.study import Study, load_study
+
+Progress = Callable[[int, int], None]
+
+
+def png_bytes(image: NDArray[Any]) -> bytes:
+    """A grey image as PNG."""
+    from PIL import Image
+
+    sink = io.BytesIO()
+    Image.fromarray(image).save(sink, format="PNG", compress_level=4)
+    return sink.getvalue()
+
+
+def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, dict[str, float]]:
+    """Render, measure, develop and write one frame.
+
+    Returns
+    -------
+    entry : dict
+        The frame's journal line: files with checksums, exposure, photometry, fidelity.
+    seconds : dict
+        What the clock saw, for timings.jsonl.
+    """
+    from roundel.render.radiance import render_radiance
+
+    clock = [time.perf_counter()]
+    radiance = render_radiance(mi, frame)
+    clock.append(time.perf_counter())
+    sensor = frame.settings.sensor
+    exposure_e = exposure_of(radiance.mean, sensor)
+    image = develop(radiance.mean, exposure_e, sensor, frame.noise_seed)
+    circles = [part for part in frame.sheet.parts if part.radius_m is not None]
+    photometry = {
+        str(part.marker_id): edge_photometry(radiance.mean, radiance.coverage[part.marker_id], exposure_e, sensor)
+        for part in circles
+    }
+    fidelity = {
+        str(part.marker_id): measure_circle(frame, part.marker_id, radiance.mean, radiance.variance) for part in circles
+    }
+    written = {files.image_name(frame.frame_id): png_bytes(image)}
+    if frame.settings.render.radiance:
+        planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
+        planes |= {f"coverage.{marker_id}": plane for marker_id, plane in radiance.coverage.items()}
+        written[files.radiance_name(frame.frame_id)] = encode_radiance(planes)
+    clock.append(time.perf_counter())
+    for name, data in written.items():
+        files.write_file(dataset / name, data)
+    clock.append(time.perf_counter())
+    entry = {
+        "frame_id": frame.frame_id,
+        "group": frame.group,
+        "files": {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()},
+        "exposure_e": exposure_e,
+        "saturated_fraction": float(np.mean(image == 2**sensor.bits - 1)),
+        "photometry": photometry,
+        "fidelity": fidelity,
+    }
+    render, encode, write = np.diff(clock)
+    return entry, {"render_s": float(render), "encode_s": float(encode), "write_s": float(write)}
+
+
+# A worker process keeps its study and its renderer from one frame to the next.
+_worker: dict[str, Any] = {}
+
+
+def _start_worker(study_path: str, digest: str, dataset: str, variant: str, threads: int | None) -> None:
+    study = load_study(study_path)
+    if study.digest() != digest:
+        raise UsageError(f"{study_path}: changed while it was being rendered; run again")
+    _worker.update(study=study, dataset=Path(dataset), mi=start(variant, threads))
+
+
+def _work(frame_id: int) -> tuple[journal.Entry, dict[str, float]]:
+    return render_frame(_worker["mi"], frame_of(_worker["study"], frame_id), _worker["dataset"])
+
+
+def _rendered(
+    study: Study, dataset: Path, frame_ids: list[int], jobs: int, variant: str, threads: int | None
+) -> Iterator[tuple[journal.Entry, dict[str, float]]]:
+    """Results in whatever order they are ready."""
+    if jobs == 1:
+        mi = start(variant, threads)
+        for frame_id in frame_ids:
+            yield render_frame(mi, frame_of(study, frame_id), dataset)
+        return
+    arguments = (str(study.path), study.digest(), str(dataset), variant, threads)
+    # A fresh interpreter a worker: Dr.Jit's threads do not survive a fork.
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
+        try:
+            yield from pool.map(_work, frame_ids)
+        except BrokenProcessPool as error:
+            raise DataError("a rendering process died (out of memory?); run again to go on from here") from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
+    """The folder, made ready: the journal's entries whose files are there. Refuses another study's dataset."""
+    if dataset.exists() and not dataset.is_dir():
+        raise UsageError(f"{dataset}: is a file; name a folder for the dataset")
+    held = dataset / files.STUDY
+    if held.is_file():
+        try:
+            digest = load_study(held).digest()
+        except RoundelError as error:
+            raise DataError(f"{held}: corrupt ({error}); name another folder, or remove this one") from error
+        if digest != study.digest():
+            raise UsageError(
+                f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, this study {study.digest()[:12]}); "
+                "name another folder, remove this one, or restore the study"
+            )
+    elif dataset.is_dir() and any(dataset.iterdir()):
+        raise UsageError(f"{dataset}: is not empty and no dataset; name another folder")
+    else:
+        files.write_file(held, study_bytes(study))
+    for folder in (dataset, dataset / "images", dataset / "radiance"):
+        for leftover in folder.glob(".*.part"):
+            leftover.unlink()
+    return {i: entry for i, entry in journal.read(dataset).items() if journal.is_done(dataset, entry)}
+
+
+def render_study(
+    study: Study | str | Path,
+    dataset: str | Path,
+    *,
+    jobs: int = 1,
+    threads: int | None = None,
+    frames: range | None = None,
+    variant: str = DEFAULT_VARIANT,
+    progress: Progress | None = None,
+) -> Dataset | None:
+    """Render a study to a dataset on disk; frames that are there already are kept.
+
+    Parameters
+    ----------
+    study : Study or path
+    dataset : path
+        A new or empty folder, or one that holds this very study.
+    jobs : int
+        Processes; one of them uses all cores already.
+    threads : int, optional
+        Threads of each process. The bytes do not depend on jobs or threads.
+    frames : range, optional
+        Only these frame ids; the dataset is finished when no frame is missing.
+    variant : str
+        Mitsuba variant.
+    progress : callable, optional
+        Called with (done, total).
+
+    Returns
+    -------
+    Dataset or None
+        None while frames are still missing.
+
+    Raises
+    ------
+    StudyError
+        Before anything is rendered, if some frame cannot be.
+    UsageError
+        If the folder holds something else.
+    DataError
+        If a file cannot be written; what is finished is kept.
+    """
+    if not isinstance(study, Study):
+        study = load_study(study)
+    dataset = Path(dataset)
+    wanted: list[int] = []
+    ranges = group_ranges(study)
+    images = {i for name, ids in ranges.items() if study.groups[name].mode == "images" for i in ids}
+    for frame in frames_of(study):
+        # Every frame is placed before the first is rendered: a study that cannot be finished is refused now.
+        if frame.frame_id in images and (frames is None or frame.frame_id in frames):
+            wanted.append(frame.frame_id)
+    entries = _prepare(study, dataset)
+    missing = [i for i in wanted if i not in entries]
+    if missing:
+        # What follows changes files that the manifest vouches for.
+        (dataset / files.MANIFEST).unlink(missing_ok=True)
+        if len(entries) < len(journal.read(dataset)):
+            journal.rewrite(dataset, entries)
+    if progress:
+        progress(len(wanted) - len(missing), len(wanted))
+    for count, (entry, seconds) in enumerate(_rendered(study, dataset, missing, jobs, variant, threads), start=1):
+        journal.append(dataset, entry)
+        entries[entry["frame_id"]] = entry
+        line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})
+        files.append_line(dataset / files.TIMINGS, line)
+        if progress:
+            progress(len(wanted) - len(missing) + count, len(wanted))
+    if images - set(entries):
+        return None
+    made_by = environment(variant) if images else {"variant": None}
+    finish_dataset(study, dataset, entries, made_by)
+    return open_dataset(dataset)

@@ -1,0 +1,1 @@
+"""What stands before the camera, and the exact truth about it."""

@@ -1,0 +1,238 @@
+"""A study: what is rendered, solved and validated, read from YAML into checked sections.
+
+`load_study` is the only door: whatever it returns is complete, finite and consistent, and whatever it refuses it
+refuses in one line with the place in the file.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from roundel.scenes.errors import StudyError
+from roundel.scenes.schema import SCHEMA_VERSION, GroupSection, Head, SolveSection, ValidateSection
+from roundel.scenes.values import is_spread
+from roundel.scenes.yaml_reader import Marks, read_yaml
+
+DEFAULT_GROUP = "main"
+_SHARED = (
+    "mode",
+    "frames",
+    "frames_per_cell",
+    "camera",
+    "marker",
+    "pose",
+    "light",
+    "sensor",
+    "render",
+    "points",
+    "sweep",
+)
+_HEAD = ("schema", "name", "seed", "licence", "solve", "validate")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, resolved: every group complete, every default filled in."""
+
+    path: Path
+    name: str
+    seed: int
+    licence: str
+    groups: dict[str, GroupSection]
+    solve: SolveSection
+    validate: ValidateSection
+    marks: Marks
+
+    def resolved(self) -> dict[str, Any]:
+        """The study as plain values, with every default: what `study.yaml` of a dataset holds."""
+        return {
+            "schema": SCHEMA_VERSION,
+            "name": self.name,
+            "seed": self.seed,
+            "licence": self.licence,
+            "groups": {name: group.model_dump(mode="json", exclude_none=True) for name, group in self.groups.items()},
+            "solve": self.solve.model_dump(mode="json", exclude_none=True),
+            "validate": self.validate.model_dump(mode="json", exclude_none=True),
+        }
+
+    def digest(self) -> str:
+        """sha256 of all that decides the frames (groups, seed and schema; not how they are solved and scored)."""
+        frames = {k: v for k, v in self.resolved().items() if k in ("schema", "seed", "groups")}
+        return hashlib.sha256(json.dumps(frames, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def error(self, message: str, group: str, *keys: str) -> StudyError:
+        """A StudyError at the place where a group's key stands (or the nearest place above it)."""
+        line, column = _place(self.marks, group, keys)
+        return StudyError(message, self.path, line, column)
+
+
+def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tuple[int, int]:
+    """Where a key stands: in the group if it is there, else in the shared part, else its nearest parent."""
+    for cut in range(len(keys), -1, -1):
+        tail = keys[:cut]
+        if group is not None and tail and ("groups", group, *tail) in marks:
+            return marks["groups", group, *tail]
+        if tail and tail in marks:
+            return marks[tail]
+    return marks.get(("groups", group) if group is not None else (), (1, 1))
+
+
+def _merged(shared: Any, own: Any) -> Any:
+    """`own` laid over `shared`: mappings merge key by key; a spread, a list, a section of another kind replaces."""
+    if not (isinstance(shared, dict) and isinstance(own, dict)) or is_spread(shared) or is_spread(own):
+        return own
+    if "kind" in own and own["kind"] != shared.get("kind"):
+        return own
+    return {**shared, **{k: _merged(shared[k], v) if k in shared else v for k, v in own.items()}}
+
+
+def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
+    """The keys that a section at `location` knows, for suggestions."""
+    from roundel.scenes import schema
+
+    known: Any = model
+    for part in location:
+        if isinstance(part, int):
+            continue
+        if part in ("disc", "ring", "chessboard", "disc_with_chessboard") and known is None:
+            known = {
+                "disc": schema.DiscSection,
+                "ring": schema.RingSection,
+                "chessboard": schema.ChessboardSection,
+                "disc_with_chessboard": schema.DiscWithChessboardSection,
+            }[part]
+            continue
+        annotation = (
+            next((f.annotation for n, f in known.model_fields.items() if part in (n, f.alias)), None) if known else None
+        )
+        inner = [annotation, *getattr(annotation, "__args__", ())]
+        known = (
+            next((a for a in inner if isinstance(a, type) and issubclass(a, BaseModel)), None)
+            if part != "marker"
+            else None
+        )
+    if known is None:
+        return []
+    return [f.alias or n for n, f in known.model_fields.items()]
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else (f"; known here: {', '.join(sorted(known))}" if known else "")
+
+
+def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]:
+    """One pydantic error as (message, place in the section)."""
+    kinds = ("disc", "ring", "chessboard", "disc_with_chessboard")
+    raw = error["loc"]
+    # The discriminator's tag stands in pydantic's location but not in the file.
+    location = tuple(p for i, p in enumerate(raw) if not (i == 1 and raw[0] == "marker" and p in kinds))
+    # The arms of a union ('perimeter' or a number) are no keys either.
+    location = tuple(
+        p for p in location if isinstance(p, int) or (p.isidentifier() and p not in ("constrained-int", "int"))
+    )
+    dotted = ".".join(str(p) for p in location)
+    context = error.get("ctx", {})
+    if error["type"] == "extra_forbidden":
+        return f"{dotted}: unknown key{_nearest(str(location[-1]), _keys_at(model, raw[:-1]))}", location
+    if error["type"] == "missing":
+        return f"{dotted}: this key is missing; add it", location
+    if error["type"] == "union_tag_invalid":
+        return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), list(kinds))}", (
+            *location,
+            "kind",
+        )
+    if error["type"] == "union_tag_not_found":
+        return f"{dotted}.kind: this key is missing; one of {', '.join(kinds)}", location
+    text = str(context["error"]) if "error" in context else error["msg"][0].lower() + error["msg"][1:]
+    given = error.get("input")
+    shown = f", not {given!r}" if "error" not in context and isinstance(given, str | int | float | bool | None) else ""
+    return f"{dotted}: {text}{shown}" if dotted else text, location
+
+
+def _validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, group: str | None) -> Any:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        # The first error in the file's own order reads best; the others often follow from it.
+        found = [_sentence(e, model) for e in error.errors(include_url=False)]
+        placed = sorted((_place(marks, group, location), message) for message, location in found)
+        (line, column), message = placed[0]
+        more = f" (and {len(placed) - 1} more)" if len(placed) > 1 else ""
+        raise StudyError(message + more, path, line, column) from error
+
+
+def load_study(path: str | Path) -> Study:
+    """Read and check a study.
+
+    Parameters
+    ----------
+    path : path
+        A YAML file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        With `.path`, `.line` and `.column`; its message is one line.
+    """
+    path = Path(path)
+    raw, marks = read_yaml(path)
+    if not isinstance(raw, dict):
+        raise StudyError("a study is a mapping of keys", path)
+    for key in raw:
+        if key not in (*_HEAD, *_SHARED, "groups"):
+            raise StudyError(f"{key}: unknown key{_nearest(key, [*_HEAD, *_SHARED, 'groups'])}", path, *marks[(key,)])
+    head: Head = _validated(Head, {k: raw[k] for k in _HEAD if k in raw}, path, marks, None)
+    shared = {k: raw[k] for k in _SHARED if k in raw}
+    own = raw.get("groups", {DEFAULT_GROUP: {}})
+    if not isinstance(own, dict) or not own:
+        raise StudyError("groups: needs at least one group, as a mapping of names", path, *marks[("groups",)])
+    groups: dict[str, GroupSection] = {}
+    for name, section in own.items():
+        place = marks.get(("groups", name), (1, 1))
+        if not name.replace("_", "").replace("-", "").isalnum():
+            raise StudyError(f"groups.{name}: a group's name has letters, digits, - and _ only", path, *place)
+        if not isinstance(section, dict):
+            raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
+        merged = _merged(shared, section)
+        # A group that says its own count of frames means it instead of the shared one, whichever word it uses.
+        if "frames" in section or "frames_per_cell" in section:
+            merged = {k: v for k, v in merged.items() if k not in ("frames", "frames_per_cell") or k in section}
+        groups[name] = _validated(GroupSection, merged, path, marks, name)
+    study = Study(path, head.name, head.seed, head.licence, groups, head.solve, head.validate_, marks)
+    _check_references(study)
+    return study
+
+
+def _check_references(study: Study) -> None:
+    def fail(message: str, *keys: str) -> StudyError:
+        return StudyError(message, study.path, *_place(study.marks, None, keys))
+
+    for name in study.solve.groups or []:
+        if name not in study.groups:
+            raise fail(f"solve.groups: no group {name!r}{_nearest(name, list(study.groups))}", "solve", "groups")
+    source = study.solve.calibrate_from
+    if source is not None:
+        if source not in study.groups:
+            raise fail(
+                f"solve.calibrate_from: no group {source!r}{_nearest(source, list(study.groups))}",
+                "solve",
+                "calibrate_from",
+            )
+        if study.groups[source].marker.kind != "chessboard":
+            raise fail(f"solve.calibrate_from: group {source!r} has no chessboard", "solve", "calibrate_from")
+    if "calibrated" in study.solve.intrinsics and source is None:
+        raise fail(
+            "solve.intrinsics: `calibrated` needs solve.calibrate_from, a group of chessboards", "solve", "intrinsics"
+        )

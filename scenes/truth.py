@@ -1,0 +1,125 @@
+"""The exact truth of a frame, in float64: one row a marker.
+
+Names, frames and units are those of `docs/dataset-format.md`. What depends on the developed image (contrast and noise
+at the edge) is added when the frame is finished.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera import Camera, project
+from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, other_candidate, vanishing_line
+from roundel.scenes.frame import Frame, part_outline_m
+from roundel.scenes.marker import Part
+from roundel.scenes.pose import tilt_azimuth_deg, transform_points
+
+CONTOUR_POINTS = 256
+
+# Variance of a uniform pixel of unit width: the least blur any edge has.
+PIXEL_VARIANCE_PX2 = 1.0 / 12.0
+
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+def edge_blur_px(camera: Camera, depth_m: float) -> float:
+    """Standard deviation along one axis, in pixels, of the blur of a point at `depth_m`.
+
+    A thin lens spreads it over a disc of radius fx A |1/z - 1/u| (variance of a disc along one axis: radius^2 / 4); the
+    pixel's own width adds 1/12.
+    """
+    radius_px = camera.K[0, 0] * camera.aperture_radius_m * abs(1.0 / depth_m - 1.0 / camera.focus_distance_m)
+    return float(np.sqrt(PIXEL_VARIANCE_PX2 + radius_px**2 / 4))
+
+
+def _visible_fraction(frame: Frame, part: Part) -> float:
+    """Fraction of the part's area inside the image, over 4,096 points of equal area."""
+    steps = (np.arange(64) + 0.5) / 64
+    u, v = np.meshgrid(steps, steps)
+    if part.radius_m is not None:
+        r, t = part.radius_m * np.sqrt(u), 2 * np.pi * v
+        x, y = r * np.cos(t), r * np.sin(t)
+    else:
+        w, h = part.half_size_m()
+        x, y = w * (2 * u - 1), h * (2 * v - 1)
+    flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    px = project(frame.camera, transform_points(frame.camera_from_part(part), flat))
+    inside = np.all((px >= -0.5) & (px <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
+    return float(inside.mean())
+
+
+def _vector(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
+    return {f"{prefix}_{axis}{suffix}": float(v) for axis, v in zip("xyz", values, strict=True)}
+
+
+def _matrix(name: str, matrix: NDArray[np.float64]) -> dict[str, float]:
+    return {f"{name}_{i}{j}": float(matrix[i, j]) for i in range(4) for j in range(4)}
+
+
+def _circle_truth(camera: Camera, pose: NDArray[np.float64], radius_m: float) -> dict[str, Any]:
+    conic = conic_of_circle(pose, radius_m, camera.K)
+    other_normal, other_centre = other_candidate(pose[:3, 2], pose[:3, 3], radius_m)
+    names = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
+    return {
+        **{f"conic_{i}{j}": float(conic[i, j]) for i, j in _UPPER},
+        **{name: float(v) for name, v in zip(names, ellipse_of_conic(conic), strict=True)},
+        **_vector("other_normal", "", other_normal),
+        **_vector("other_centre", "_m", other_centre),
+    }
+
+
+# What a board has no value for.
+_NO_CIRCLE: dict[str, Any] = {
+    **{f"conic_{i}{j}": None for i, j in _UPPER},
+    **dict.fromkeys(("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")),
+    **{f"other_normal_{axis}": None for axis in "xyz"},
+    **{f"other_centre_{axis}_m": None for axis in "xyz"},
+}
+
+
+def truth_of(frame: Frame) -> list[dict[str, Any]]:
+    """One row for each part of the frame's sheet, keyed as in truth.parquet.
+
+    `edge_contrast_dn` and `edge_noise_dn` are None until the frame is developed.
+    """
+    return [_row(frame, part) for part in frame.sheet.parts]
+
+
+def _row(frame: Frame, part: Part) -> dict[str, Any]:
+    camera, pose = frame.camera, frame.camera_from_part(part)
+    normal, centre = pose[:3, 2], pose[:3, 3]
+    tilt, azimuth = tilt_azimuth_deg(normal)
+    distance_m = float(np.linalg.norm(centre))
+    centre_px = project(camera, centre)
+    contour = project(camera, part_outline_m(frame, part, CONTOUR_POINTS))
+    line = vanishing_line(pose, camera.K)
+    return {
+        "frame_id": frame.frame_id,
+        "marker_id": part.marker_id,
+        "group": frame.group,
+        "kind": part.kind,
+        "radius_m": part.radius_m,
+        **_matrix("camera_from_marker", pose),
+        **_vector("normal", "", normal),
+        **_vector("centre", "_m", centre),
+        "distance_m": distance_m,
+        "distance_D": distance_m / (2 * part.radius_m) if part.radius_m else None,
+        "tilt_deg": float(tilt),
+        "azimuth_deg": float(azimuth),
+        **(_circle_truth(camera, pose, part.radius_m) if part.radius_m else _NO_CIRCLE),
+        "centre_image_x_px": float(centre_px[0]),
+        "centre_image_y_px": float(centre_px[1]),
+        **{f"vanishing_line_{i}": float(v) for i, v in enumerate(line)},
+        "contour_x_px": contour[:, 0].tolist(),
+        "contour_y_px": contour[:, 1].tolist(),
+        "visible_fraction": _visible_fraction(frame, part),
+        "edge_contrast_dn": None,
+        "edge_noise_dn": None,
+        "edge_blur_px": edge_blur_px(camera, float(centre[2])),
+        # Nothing moves yet: the shutter opens and closes on the same pose.
+        **_matrix("open_camera_from_marker", pose),
+        **_matrix("close_camera_from_marker", pose),
+    }

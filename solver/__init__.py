@@ -1,0 +1,1 @@
+"""Images to poses, blind to the truth."""

@@ -1,0 +1,1 @@
+"""Estimates against truth: metrics, calibration, statistics, gate, report."""
