@@ -105,6 +105,8 @@ def _rendered(
     study: Study, dataset: Path, frame_ids: list[int], jobs: int, variant: str, threads: int | None
 ) -> Iterator[tuple[journal.Entry, dict[str, float]]]:
     """Results in whatever order they are ready."""
+    if not frame_ids:
+        return
     if jobs == 1:
         mi = start(variant, threads)
         for frame_id in frame_ids:
@@ -116,7 +118,7 @@ def _rendered(
         try:
             yield from pool.map(_work, frame_ids)
         except BrokenProcessPool as error:
-            raise DataError("a rendering process died (out of memory?); run again to go on from here") from error
+            raise DataError("a rendering process died (out of memory?); run again to go on") from error
         finally:
             pool.shutdown(cancel_futures=True)
 

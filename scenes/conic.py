@@ -168,6 +168,8 @@ def other_candidate(normal: ArrayLike, centre_m: ArrayLike, radius_m: ArrayLike)
     # A circle seen along its axis has sin phi = 0: any direction across will do, the reflection then changes nothing.
     safe = np.where(sin_phi > 0, sin_phi, 1.0)
     across = across / safe[..., None]
+    # Near the axis the first subtraction leaves a remainder of 1e-16 / sin phi along it; the second takes that away.
+    across = across - np.sum(across * axis, axis=-1, keepdims=True) * axis
     theta = 0.5 * np.arctan2(
         2 * radius**2 * sin_phi * cos_phi, distance**2 + radius**2 * (cos_phi - sin_phi) * (cos_phi + sin_phi)
     )

@@ -227,4 +227,4 @@ def _check_in_view(frame: Frame, part: Part, fail: Any) -> None:
     pixels = project(frame.camera, outline)
     inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
     if not inside.any():
-        raise fail(f"pose: marker {part.marker_id} lies outside the image", "pose")
+        raise fail(f"pose: the outline of marker {part.marker_id} lies outside the image", "pose")

@@ -75,7 +75,7 @@ def minimal_rotation(a: ArrayLike, b: ArrayLike) -> Array:
         ],
         axis=-2,
     )
-    return np.eye(3) + x + x @ x / (1 + c)[..., None, None]
+    return np.asarray(np.eye(3) + x + x @ x / (1 + c)[..., None, None], dtype=np.float64)
 
 
 def camera_from_marker_of(normal: ArrayLike, centre_m: ArrayLike, roll_deg: float = 0.0) -> Array:

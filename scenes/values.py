@@ -49,8 +49,10 @@ class Spread:
             return math.exp(math.log(low) + (math.log(high) - math.log(low)) * u)
         from scipy.special import ndtr, ndtri
 
+        mean, sigma = self.args
         tail = float(ndtr(-NORMAL_CUT_SIGMAS))
-        return low + high * float(ndtri(tail + (1 - 2 * tail) * u))
+        smallest, largest = self.bounds()
+        return min(max(mean + sigma * float(ndtri(tail + (1 - 2 * tail) * u)), smallest), largest)
 
 
 Value = float | Spread

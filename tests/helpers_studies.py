@@ -1,0 +1,32 @@
+"""Small studies for tests that render."""
+
+from pathlib import Path
+
+from roundel.scenes.study import Study, load_study
+
+SMALL = """\
+schema: 1
+name: small
+seed: 3
+camera: {width_px: 160, height_px: 120, focal_px: 320}
+marker: {kind: disc, diameter_m: 0.08}
+pose:
+  distance_D: {uniform: [7, 9]}
+  tilt_deg: {uniform: [10, 50]}
+  azimuth_deg: {uniform: [-180, 180]}
+  offset_x_px: {uniform: [-20, 20]}
+light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}
+render: {band_samples: 256}
+frames: 4
+"""
+
+
+def small_study(folder: Path, *edits: tuple[str, str], name: str = "study.yaml") -> Study:
+    """SMALL with some of its text replaced."""
+    text = SMALL
+    for old, new in edits:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path = folder / name
+    path.write_text(text)
+    return load_study(path)

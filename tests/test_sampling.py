@@ -1,0 +1,69 @@
+"""Frames are pure functions of (study, seed, index), and fill their dimensions evenly."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+from roundel.scenes.frame import frame_of, frames_of, total_frames
+from roundel.scenes.study import load_study
+from roundel.scenes.values import Spread, parse_value
+
+STUDY = """\
+schema: 1
+name: spread
+seed: 11
+camera: {width_px: 640, height_px: 480, focal_px: {choice: [600, 700]}}
+marker: {kind: disc, diameter_m: 0.08}
+pose:
+  distance_D: {loguniform: [6, 20]}
+  tilt_deg: {uniform: [0, 60]}
+  azimuth_deg: {normal: [0, 20]}
+  roll_deg: {grid: [0, 90]}
+frames: 600
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path):
+    path = tmp_path / "study.yaml"
+    path.write_text(STUDY)
+    return load_study(path)
+
+
+def test_a_frame_does_not_depend_on_its_neighbours(study) -> None:
+    frames = list(frames_of(study))
+    assert len(frames) == total_frames(study) == 600
+    for i in (599, 0, 300, 255, 256):
+        alone = frame_of(study, i)
+        assert alone.settings == frames[i].settings
+        assert (alone.noise_seed, alone.ray_seed) == (frames[i].noise_seed, frames[i].ray_seed)
+
+
+def test_grids_are_walked_and_ranges_are_filled(study) -> None:
+    poses = [f.settings.pose for f in frames_of(study)]
+    assert [p.roll_deg for p in poses] == [0.0] * 300 + [90.0] * 300
+    tilt = np.array([p.tilt_deg for p in poses[:300]]) / 60
+    distance = np.log(np.array([p.distance_D for p in poses[:300]]) / 6) / np.log(20 / 6)
+    # 300 points of a low-discrepancy sequence: the discrepancy of plain random numbers would be about 0.05.
+    assert kstest(tilt, "uniform").statistic < 0.02
+    assert kstest(distance, "uniform").statistic < 0.02
+    azimuth = np.array([p.azimuth_deg for p in poses])
+    assert abs(azimuth.mean()) < 1 and abs(azimuth.std() - 20) < 1
+    focal = [f.camera.K[0, 0] for f in frames_of(study)]
+    assert abs(focal.count(600.0) - 300) < 10
+
+
+def test_seeds_differ_between_frames(study) -> None:
+    seeds = {f.noise_seed for f in frames_of(study)} | {f.ray_seed for f in frames_of(study)}
+    assert len(seeds) == 1200
+
+
+def test_spreads_know_their_bounds() -> None:
+    assert parse_value({"normal": [10, 1]}).bounds() == (6.0, 14.0)
+    spread = Spread("normal", (10.0, 1.0))
+    draws = [spread.draw(u) for u in np.linspace(0, 1 - 1e-12, 1001)]
+    assert min(draws) >= 6.0 and max(draws) <= 14.0
+    assert spread.draw(0.5) == pytest.approx(10.0, abs=1e-12)
+    assert Spread("choice", (1.0, 2.0)).draw(0.999999) == 2.0
