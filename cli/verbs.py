@@ -156,7 +156,7 @@ def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
     from roundel.render.run import render_study
     from roundel.solver.solve import solve_dataset
-    from roundel.validate.calibration import calibrate_dataset
+    from roundel.validate.camera_errors import calibrate_dataset
     from roundel.validate.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
@@ -204,7 +204,7 @@ def _has_circles(dataset: Any, groups: list[str] | None) -> bool:
 
 def do_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate from chessboards."""
-    from roundel.validate.calibration import calibrate_dataset
+    from roundel.validate.camera_errors import calibrate_dataset
 
     result = calibrate_dataset(Path(arguments.dataset), Path(arguments.camera), group=arguments.group)
     print(_calibration_line(result))
@@ -213,7 +213,7 @@ def do_calibrate(arguments: argparse.Namespace) -> int:
 
 
 def _calibration_line(record: dict[str, Any]) -> str:
-    from roundel.validate.calibration import calibration_lines
+    from roundel.validate.camera_errors import calibration_lines
 
     return "\n".join(calibration_lines(record))
 

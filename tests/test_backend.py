@@ -9,7 +9,6 @@ import pytest
 from roundel.render import backend
 
 
-
 @pytest.mark.parametrize(
     ("name", "version"),
     [

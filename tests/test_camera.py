@@ -24,7 +24,9 @@ small = st.floats(-0.05, 0.05)
 
 
 @given(k1=st.floats(-0.2, 0.2), k2=small, p1=st.floats(-0.003, 0.003), p2=st.floats(-0.003, 0.003), k3=small)
-def test_projection_is_opencvs_and_undistortion_its_inverse(k1: float, k2: float, p1: float, p2: float, k3: float) -> None:
+def test_projection_is_opencvs_and_undistortion_its_inverse(
+    k1: float, k2: float, p1: float, p2: float, k3: float
+) -> None:
     camera = Camera(1280, 720, K, (k1, k2, p1, p2, k3))
     points = np.random.default_rng(1).uniform([-0.5, -0.28, 1.0], [0.5, 0.28, 1.0], (50, 3)) * [[2.0]]
     ours = project(camera, points)

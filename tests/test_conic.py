@@ -51,9 +51,7 @@ def test_projected_points_lie_on_the_conic_and_its_inside_is_positive(pose: tupl
     assert np.linalg.norm(conic) == pytest.approx(1.0, abs=1e-14)
 
 
-@given(
-    st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(3, 400), st.floats(0.1, 1.0), st.floats(0, 179.9)
-)
+@given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(3, 400), st.floats(0.1, 1.0), st.floats(0, 179.9))
 def test_ellipse_and_conic_are_inverse(x: float, y: float, a: float, ratio: float, angle: float) -> None:
     ellipse = np.array([x, y, a, a * ratio, angle])
     back = ellipse_of_conic(conic_of_ellipse(ellipse))

@@ -16,7 +16,10 @@ from roundel.scenes.frame import frame_of, frames_of
 from roundel.scenes.pose import transform_points
 from roundel.scenes.truth import truth_of
 
-FLAT = ("light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}", "light: {environment: 1.5}")
+FLAT = (
+    "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}",
+    "light: {environment: 1.5}",
+)
 DISTORTED = ("focal_px: 320", "focal_px: 320, distortion: [-0.3, 0.1, 0.004, -0.003, 0.02]")
 
 

@@ -135,7 +135,9 @@ def test_scalars_are_those_of_yaml_1_2(write) -> None:
 
 
 def test_groups_share_what_stands_above_them(write) -> None:
-    text = STUDY.replace("frames_per_cell: 2", "frames_per_cell: 2\ngroups:\n  a: {}\n  b:\n    pose: {tilt_deg: 30}\n    frames: 2\n")
+    text = STUDY.replace(
+        "frames_per_cell: 2", "frames_per_cell: 2\ngroups:\n  a: {}\n  b:\n    pose: {tilt_deg: 30}\n    frames: 2\n"
+    )
     study = load_study(write(text))
     assert study.groups["a"].pose.azimuth_deg == study.groups["b"].pose.azimuth_deg
     assert study.groups["b"].pose.tilt_deg == 30

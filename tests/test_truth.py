@@ -55,7 +55,10 @@ def test_a_marker_cut_by_the_border_says_how_much_is_left(tmp_path: Path) -> Non
 
 def test_a_board_beside_a_disc_has_a_row_of_its_own(tmp_path: Path) -> None:
     edits = (
-        ("kind: disc, diameter_m: 0.08", "kind: disc_with_chessboard, diameter_m: 0.02, gap_m: 0.01, chessboard: {columns: 4, rows: 3, square_m: 0.01}"),
+        (
+            "kind: disc, diameter_m: 0.08",
+            "kind: disc_with_chessboard, diameter_m: 0.02, gap_m: 0.01, chessboard: {columns: 4, rows: 3, square_m: 0.01}",
+        ),
         ("distance_D: {uniform: [7, 9]}", "distance_m: 0.4"),
     )
     frame = frame_of(small_study(tmp_path, *edits), 0)

@@ -1,0 +1,346 @@
+"""Sub-pixel edge points on the contour of an ellipse, from the raw pixels around it.
+
+Nothing is interpolated: a profile interpolated from pixels that are areas is biased by the interpolation's own kernel
+and by aliasing. Instead every pixel within a few px of the contour is predicted from its signed distance to it,
+
+    I = inside + (outside - inside) T(d - delta),
+
+with T the exact response of a square pixel to a straight edge of its orientation, blurred by a Gaussian. The contour
+is cut into sectors of about 2 px; each gets its own offset delta along the normal (Gauss-Newton), its two grey levels
+come from the sectors around it, and one blur is shared by all. The offsets give a better ellipse, the ellipse better
+distances.
+
+A blurred *curved* edge does not stay in place: a point u from the edge has the distance d + u_n + u_t^2 / (2 rho), so
+that the mean over the blur shifts the half level by b^2 / (2 rho) toward the centre of curvature, where b^2 is the
+variance of the blur along the contour, the pixel's own 1/12 included. The prediction has that shift, the points do not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from roundel.scenes.conic import ellipse_perimeter_px, ellipse_points
+from roundel.solver.ellipse import FailedFit, fit_ellipse, foot_points
+
+Array = NDArray[np.float64]
+
+_SECTOR_PX = 2.0
+_MIN_SECTORS = 12
+_FIRST_REACH_PX = 8.0  # how far from a candidate its edge is looked for, and its plateaus
+_PLATEAU_PX = 1.5  # what is kept of the flat parts beside the edge, to know the grey levels
+_LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to either side
+_MAX_ROUNDS = 6
+_PIXEL_VARIANCE = 1.0 / 12.0
+_SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
+_FIT_TOLERANCE = 1e-5  # of the size: the points move more than that in the next round
+_MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePoints:
+    """Points on one contour.
+
+    Attributes
+    ----------
+    points_px : (N, 2) array
+        Image pixels (lens distortion still in them), in the order of the contour.
+    sigma_px : (N,) array
+        Standard deviation along the normal that the noise of the pixels implies.
+    ellipse : (5,) array
+        The ellipse through them in the image.
+    blur_px : float
+        Gaussian sigma of the blur, the pixel's aperture not included.
+    contrast_dn : float
+        Median of outside minus inside: positive for dark on light.
+    noise_dn : float
+        RMS of what the model leaves of the pixels.
+    coverage : float
+        Fraction of the contour that has a point.
+    """
+
+    points_px: Array
+    sigma_px: Array
+    ellipse: Array
+    blur_px: float
+    contrast_dn: float
+    noise_dn: float
+    coverage: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    """The pixels around a contour: one entry a pixel."""
+
+    value: Array
+    distance: Array
+    half_sum: Array  # (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2: the corners of the pixel's trapezoid
+    half_difference: Array
+    curvature: Array
+    sector: NDArray[np.int64]
+    count: int
+    expected: Array  # (count,) pixels a sector would have if none lay outside the image
+
+
+def edge_points(image: Array, ellipse: Array, full_scale_dn: float = 255.0) -> EdgePoints | FailedFit:
+    """Find the points of the edge along an approximate ellipse, and the ellipse through them.
+
+    Parameters
+    ----------
+    image : (H, W) array
+        Grey levels.
+    ellipse : (5,) array
+        x_px, y_px, a_px, b_px, angle_deg: within 2 px or so of the contour.
+    full_scale_dn : float
+        The level at which pixels saturate.
+
+    Returns
+    -------
+    EdgePoints or FailedFit
+    """
+    current = np.array(ellipse, dtype=np.float64)
+    limits = (-_FIRST_REACH_PX, _FIRST_REACH_PX)
+    variance, found = 1.0, None
+    for turn in range(_MAX_ROUNDS):
+        first = turn == 0
+        count = max(_MIN_SECTORS, round(float(ellipse_perimeter_px(current)) / _SECTOR_PX))
+        band = _band(image, current, limits, count)
+        reach = _reach(band)
+        if isinstance(reach, FailedFit):
+            return reach
+        band = _within(band, reach)
+        if len(band.value) < 2 * count:
+            return FailedFit("no edge with flat sides along the contour")
+        limits = (reach[0] - _PLATEAU_PX, reach[1] + _PLATEAU_PX)
+        delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, steps=4 if first else 3)
+        if np.count_nonzero(good) < max(8, 0.4 * count):
+            return FailedFit(f"only {np.count_nonzero(good)} of {count} sectors of the contour show an edge")
+        feet, normals = _sector_centres(current, count)
+        points = (feet + delta[:, None] * normals)[good]
+        fit = fit_ellipse(points, sigma[good], start=current, tolerance=_FIT_TOLERANCE)
+        if not isinstance(fit, FailedFit):
+            # What belongs to a neighbour, a shadow or a stain lies off the ellipse.
+            spread = 1.4826 * float(np.median(np.abs(fit.residual_px)))
+            keep = np.abs(fit.residual_px) <= max(4.0 * spread, 0.05)
+            if not np.all(keep) and np.count_nonzero(keep) >= 8:
+                good[np.flatnonzero(good)[~keep]] = False
+                points = points[keep]
+                fit = fit_ellipse(points, sigma[good], start=fit.ellipse, tolerance=_FIT_TOLERANCE)
+        if isinstance(fit, FailedFit):
+            return fit
+        if first and np.median(np.abs(fit.residual_px)) > 0.1 + 0.03 * float(fit.ellipse[3]) + 2.0 * float(
+            np.median(sigma[good])
+        ):
+            return FailedFit("the edge along the contour is not an ellipse")
+        moved = _largest_move(current, fit.ellipse)
+        current = fit.ellipse
+        if not (np.all(np.isfinite(current)) and current[3] > 1.0):
+            return FailedFit("the contour shrinks below one pixel")
+        found = EdgePoints(points, sigma[good], current, math.sqrt(variance), contrast, noise, float(np.mean(good)))
+        if not first and moved < _SETTLED_PX:
+            break
+    assert found is not None
+    return found
+
+
+def _largest_move(before: Array, after: Array) -> float:
+    return float(np.max(np.abs(foot_points(before, ellipse_points(after, 16))[0])))
+
+
+def _sector_centres(ellipse: Array, count: int) -> tuple[Array, Array]:
+    """Foot points (count, 2) and outer normals (count, 2) at the middle of each sector."""
+    knots, lengths = _arc(ellipse)
+    t = np.interp((np.arange(count) + 0.5) / count * lengths[-1], lengths, knots)
+    angle, a, b = math.radians(ellipse[4]), ellipse[2], ellipse[3]
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    feet = np.stack([a * np.cos(t), b * np.sin(t)], axis=1) @ turn + ellipse[:2]
+    normals = np.stack([np.cos(t) / a, np.sin(t) / b], axis=1)
+    return feet, normals / np.linalg.norm(normals, axis=1, keepdims=True) @ turn
+
+
+def _arc(ellipse: Array) -> tuple[Array, Array]:
+    """Eccentric angles from 0 to 2 pi, and the arc length up to each."""
+    knots = np.linspace(0.0, 2.0 * np.pi, 361)
+    middle = (knots[1:] + knots[:-1]) / 2
+    speed = np.hypot(ellipse[2] * np.sin(middle), ellipse[3] * np.cos(middle)) * (knots[1] - knots[0])
+    return knots, np.concatenate([[0.0], np.cumsum(speed)])
+
+
+def _band(image: Array, ellipse: Array, limits: tuple[float, float], count: int) -> _Band:
+    """Pixels whose distance to the contour lies within the limits, and within 0.9 b of it on the inner side."""
+    height, width = image.shape
+    x, y, a, b, angle_deg = (float(v) for v in ellipse)
+    angle = math.radians(angle_deg)
+    c, s = math.cos(angle), math.sin(angle)
+    inner, outer = max(limits[0], -0.9 * b), limits[1]
+    # Bounding box of the ellipse, and the outer limit around it.
+    half_w = math.hypot(a * c, b * s) + outer + 1
+    half_h = math.hypot(a * s, b * c) + outer + 1
+    x0, x1 = max(0, math.floor(x - half_w)), min(width, math.ceil(x + half_w) + 1)
+    y0, y1 = max(0, math.floor(y - half_h)), min(height, math.ceil(y + half_h) + 1)
+    yy, xx = np.mgrid[y0 : max(y1, y0), x0 : max(x1, x0)]
+    px, py = xx.ravel() - x, yy.ravel() - y
+    radius = np.hypot((c * px + s * py) / a, (c * py - s * px) / b)
+    # The distance to the contour is at least b |radius - 1|: a cheap superset of the band.
+    near = (radius >= 1 + inner / b) & (radius <= 1 + outer / b)
+    pixels = np.stack([px[near] + x, py[near] + y], axis=1)
+    value = image[y0 : max(y1, y0), x0 : max(x1, x0)].ravel()[near]
+    distance, normal, u = foot_points(ellipse, pixels)
+    inside = (distance >= inner) & (distance <= outer)
+    distance, normal, u, value = distance[inside], normal[inside], u[inside], value[inside]
+    ux, uy = u[:, 0] * c + u[:, 1] * s, u[:, 1] * c - u[:, 0] * s
+    curvature = 1.0 / (a * a * b * b * ((ux / a) ** 2 + (uy / b) ** 2) ** 1.5)
+    knots, lengths = _arc(ellipse)
+    arc = np.interp(np.mod(np.arctan2(uy, ux), 2 * np.pi), knots, lengths)
+    sector = np.minimum((arc / lengths[-1] * count).astype(np.int64), count - 1)
+    nx, ny = np.abs(normal).T
+    return _Band(
+        value=value.astype(np.float64),
+        distance=distance,
+        half_sum=(nx + ny) / 2,
+        half_difference=(nx - ny) / 2,
+        curvature=curvature,
+        sector=sector,
+        count=count,
+        expected=np.full(count, lengths[-1] / count * (outer - inner)),
+    )
+
+
+def _within(band: _Band, reach: tuple[float, float]) -> _Band:
+    keep = (band.distance >= reach[0]) & (band.distance <= reach[1])
+    span = (reach[1] - reach[0]) / max(float(np.ptp(band.distance)), 1e-9)
+    return _Band(
+        band.value[keep],
+        band.distance[keep],
+        band.half_sum[keep],
+        band.half_difference[keep],
+        band.curvature[keep],
+        band.sector[keep],
+        band.count,
+        band.expected * min(span, 1.0),
+    )
+
+
+def _reach(band: _Band) -> tuple[float, float] | FailedFit:
+    """How far the edge and a little plateau extend inward and outward, from the mean profile along the normal.
+
+    It ends where the profile turns back: there another edge begins (the inner circle of a ring, a border nearby).
+    """
+    if len(band.value) < 4 * _MIN_SECTORS:
+        return FailedFit("the contour lies outside the image")
+    step = 0.5
+    low = float(band.distance.min())
+    index = ((band.distance - low) / step).astype(np.int64)
+    number = np.bincount(index)
+    filled = np.flatnonzero(number)
+    at = low + (np.arange(len(number)) + 0.5) * step
+    profile = np.interp(at, at[filled], np.bincount(index, band.value)[filled] / number[filled])
+    slope = np.diff(np.convolve(np.pad(profile, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid"))
+    where = (at[1:] + at[:-1]) / 2
+    close = np.abs(where) <= 2.5
+    if not np.any(close):
+        return FailedFit("the contour is too small to have an inside")
+    polarity = 1.0 if np.sum(slope[close]) >= 0 else -1.0
+    rise = polarity * slope
+    top = int(np.argmax(np.where(close, rise, -np.inf)))
+    if not rise[top] > 0:
+        return FailedFit("no edge along the contour")
+    ends = []
+    for direction in (-1, 1):
+        i = top
+        while 0 <= i + direction < len(rise) and rise[i + direction] > 0.05 * rise[top]:
+            i += direction
+        edge = i
+        while (
+            0 <= i + direction < len(rise)
+            and abs(i - edge) * step < _PLATEAU_PX
+            and rise[i + direction] > -0.05 * rise[top]
+        ):
+            i += direction
+        ends.append(float(where[i]))
+    return ends[0], ends[1]
+
+
+def _step_response(z: Array, half_sum: Array, half_difference: Array, variance: float) -> tuple[Array, Array, Array]:
+    """Mean of a unit step at 0 over a square pixel centred at z along the normal, after a Gaussian blur; T, T', T''.
+
+    The pixel projects to a trapezoid, the convolution of two boxes of widths w1 = |nu_x| and w2 = |nu_y|: a second
+    difference of the Gaussian's iterated integrals.
+    """
+    sigma = math.sqrt(variance)
+    w1w2 = half_sum**2 - half_difference**2
+    # Along a row or column one box has no width: a thin one is the same to 1e-6 and keeps the differences finite.
+    thin = w1w2 < 1e-3
+    corner = np.where(thin, np.abs(half_difference) - 5e-4, np.abs(half_difference))
+    outer = np.where(thin, corner + 1e-3, half_sum)
+    area = np.where(thin, (outer - corner) * (outer + corner), w1w2)
+    value, slope, bend = np.zeros_like(z), np.zeros_like(z), np.zeros_like(z)
+    for shift, sign in ((outer, 1.0), (corner, -1.0), (-corner, -1.0), (-outer, 1.0)):
+        s = (z + shift) / sigma
+        normal_cdf = ndtr(s)
+        density = np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi)
+        value += sign * (variance / 2) * ((s * s + 1.0) * normal_cdf + s * density)
+        slope += sign * sigma * (s * normal_cdf + density)
+        bend += sign * normal_cdf
+    return value / area, slope / area, bend / area
+
+
+def _offsets(
+    band: _Band, variance: float, full_scale_dn: float, steps: int
+) -> tuple[Array, Array, NDArray[np.bool_], float, float, float]:
+    """Offset of each sector and its sigma, which of them to trust, blur variance, contrast, residual noise."""
+    sector, count, value = band.sector, band.count, band.value
+
+    def total(weight: Array) -> Array:
+        return np.asarray(np.bincount(sector, weight, minlength=count), dtype=np.float64)
+
+    delta = np.zeros(count)
+    window = min(max(1, round(_LEVEL_WINDOW_PX / _SECTOR_PX)), (count - 1) // 4)
+    size = total(np.ones_like(value))
+    for _ in range(steps):
+        z = band.distance - delta[sector] + (variance + _PIXEL_VARIANCE) * band.curvature / 2
+        t, slope, bend = _step_response(z, band.half_sum, band.half_difference, variance)
+        # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors.
+        sums = [total(v) for v in ((1 - t) ** 2, (1 - t) * t, t * t, (1 - t) * value, t * value)]
+        a11, a12, a22, b1, b2 = (_around(v, window) for v in sums)
+        determinant = np.maximum(a11 * a22 - a12**2, 1e-9 * (a11 + a22) ** 2 + 1e-12)
+        inside, outside = (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
+        height = outside - inside
+        residual = value - inside[sector] - height[sector] * t
+        lean = height[sector] * slope
+        information = total(lean**2)
+        usable = information > 1e-12 * float(np.max(information, initial=0.0))
+        step = np.where(usable, -total(lean * residual) / np.where(usable, information, 1.0), 0.0)
+        delta += np.clip(step, -1.0, 1.0)
+        # The blur's variance: dT / d(b^2) = T'' / 2, the heat equation.
+        widen = height[sector] * bend / 2
+        power = float(np.sum(widen**2))
+        change = float(np.sum(widen * residual)) / power if power > 0 else 0.0
+        variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
+    contrast = float(np.median(height))
+    spread = np.sqrt(total(residual**2) / np.maximum(size, 1.0))
+    good = (
+        usable
+        & (height * np.sign(contrast) > 0.35 * abs(contrast))
+        & (size > 0.6 * band.expected)
+        & (np.abs(delta) < 2.5)
+        & (spread <= max(4.0 * float(np.median(spread)), 0.05 * abs(contrast)))
+    )
+    brightest = np.maximum(inside, outside)
+    clipped = brightest >= full_scale_dn - 0.5
+    if np.count_nonzero(good & ~clipped) >= 0.5 * count:  # a sheet that is all white leaves nothing better
+        good &= ~clipped
+    trusted = residual[good[sector]]
+    noise = float(np.sqrt(np.mean(trusted**2))) if len(trusted) else 0.0
+    sigma = np.where(usable, max(noise, 1e-6) / np.sqrt(np.where(usable, information, 1.0)), np.inf)
+    return delta, sigma, good, variance, contrast, noise
+
+
+def _around(values: Array, window: int) -> Array:
+    """Sum over the `window` neighbours on either side, around the closed contour."""
+    wrapped = np.concatenate([values[-window:], values, values[:window]])
+    return np.asarray(np.convolve(wrapped, np.ones(2 * window + 1), mode="valid"))

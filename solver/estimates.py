@@ -1,0 +1,173 @@
+"""Estimates as records: one detection in memory, one row for each candidate in `estimates.parquet`.
+
+The validator imports this module, so it knows no other of the solver's.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from roundel.datasets.files import write_file
+from roundel.scenes.camera import Camera
+from roundel.scenes.errors import DataError
+
+Array = NDArray[np.float64]
+
+ESTIMATES = "estimates.parquet"
+NOT_FOUND = -1  # the detection_id of a frame in which nothing was found
+
+_COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
+_POSE = ("normal_x", "normal_y", "normal_z", "centre_x_m", "centre_y_m", "centre_z_m")
+_ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
+_INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
+
+SCHEMA = pa.schema(
+    [
+        pa.field("frame_id", pa.int64(), nullable=False),
+        pa.field("detection_id", pa.int64(), nullable=False),
+        pa.field("method", pa.string(), nullable=False),
+        pa.field("intrinsics", pa.string(), nullable=False),
+        pa.field("candidate", pa.int8(), nullable=False),
+        pa.field("chosen", pa.bool_(), nullable=False),
+        pa.field("probability", pa.float64()),
+        *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_INTRINSICS)),
+        pa.field("distortion", pa.list_(pa.float64())),
+        pa.field("edge_points", pa.int64()),
+        pa.field("edge_sigma_px", pa.float64()),
+        *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
+        pa.field("status", pa.string(), nullable=False),
+        pa.field("reason", pa.string(), nullable=False),
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What one method with one kind of intrinsics makes of one detection.
+
+    Attributes
+    ----------
+    frame_id, detection_id : int
+        `detection_id` is -1 if nothing was found in the frame.
+    method, intrinsics : str
+    status : str
+        `ok` or `failed`; then `reason` says why, and what is unknown is None.
+    ellipse : (5,) array or None
+        x_px, y_px, a_px, b_px, angle_deg in undistorted pixel coordinates of `camera`.
+    camera : Camera or None
+        The intrinsics that were used.
+    normal, centre_m : (2, 3) array or None
+        Both candidates, in the order of `CirclePoses`.
+    probability : tuple of two floats, or None
+    chosen : int or None
+        The chosen candidate; None where nothing is known to choose by.
+    edge_points : int or None
+    edge_sigma_px : float or None
+        RMS of the fit's residual along the normal.
+    cov : (2, 6, 6) array or None
+        Covariance of (centre x, y, z in m, normal x, y, z) of each candidate; rank 5.
+    """
+
+    frame_id: int
+    detection_id: int
+    method: str
+    intrinsics: str
+    status: str
+    reason: str = ""
+    ellipse: Array | None = None
+    camera: Camera | None = None
+    normal: Array | None = None
+    centre_m: Array | None = None
+    probability: tuple[float, float] | None = None
+    chosen: int | None = None
+    edge_points: int | None = None
+    edge_sigma_px: float | None = None
+    cov: Array | None = None
+
+    def __bool__(self) -> bool:
+        return self.status == "ok"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Rows of `estimates.parquet`: one for each candidate, one for a failure."""
+        return [self._row(candidate) for candidate in (range(2) if self else range(1))]
+
+    def _row(self, candidate: int) -> dict[str, Any]:
+        row: dict[str, Any] = {
+            "frame_id": self.frame_id,
+            "detection_id": self.detection_id,
+            "method": self.method,
+            "intrinsics": self.intrinsics,
+            "candidate": candidate,
+            "chosen": self.chosen == candidate,
+            "probability": None if self.probability is None else self.probability[candidate],
+            "edge_points": self.edge_points,
+            "edge_sigma_px": self.edge_sigma_px,
+            "status": self.status,
+            "reason": self.reason,
+        }
+        if self.normal is not None and self.centre_m is not None:
+            row |= zip(_POSE, (*self.normal[candidate].tolist(), *self.centre_m[candidate].tolist()), strict=True)
+        if self.ellipse is not None:
+            row |= zip(_ELLIPSE, self.ellipse.tolist(), strict=True)
+        if self.camera is not None:
+            k = self.camera.K
+            values = (k[0, 0], k[1, 1], k[0, 1], k[0, 2], k[1, 2])
+            row |= zip(_INTRINSICS, map(float, values), strict=True)
+            row["distortion"] = list(self.camera.distortion)
+        if self.cov is not None and np.all(np.isfinite(self.cov[candidate])):
+            row |= {f"cov_{i}{j}": float(self.cov[candidate, i, j]) for i, j in _COVARIANCE}
+        return row
+
+
+def write_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
+    """Write estimates as Parquet, whole or not at all.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be written.
+    """
+    rows = [row for estimate in estimates for row in estimate.rows()]
+    table = pa.table({name: [row.get(name) for row in rows] for name in SCHEMA.names}, schema=SCHEMA)
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer)
+    write_file(path, buffer.getvalue())
+
+
+def read_estimates(path: str | Path) -> pa.Table:
+    """Read estimates, with the columns and types of `SCHEMA`.
+
+    Parameters
+    ----------
+    path : path
+        The file, or the folder that holds it.
+
+    Raises
+    ------
+    DataError
+        If there is no such file, it is corrupt, or a column is missing or of another type.
+    """
+    path = Path(path)
+    file = path / ESTIMATES if path.is_dir() else path
+    if not file.is_file():
+        raise DataError(f"{file}: no estimates there; `roundel solve` writes them")
+    try:
+        table = pq.read_table(file)
+    except (OSError, pa.ArrowException) as error:
+        raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
+    missing = [name for name in SCHEMA.names if name not in table.column_names]
+    if missing:
+        raise DataError(f"{file}: has no column {', '.join(missing)}; solve the dataset again")
+    try:
+        return table.select(SCHEMA.names).cast(SCHEMA)
+    except (pa.ArrowException, ValueError) as error:
+        raise DataError(f"{file}: a column has the wrong type or empty values: {str(error).splitlines()[0]}") from error

@@ -1,0 +1,207 @@
+"""Estimates for a dataset: every frame, method and kind of intrinsics, in one file.
+
+Only images and cameras are opened; the truth stays closed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.files import write_file
+from roundel.datasets.images import Images, open_images
+from roundel.scenes.camera import Camera
+from roundel.scenes.errors import UsageError
+from roundel.solver.choose import Knowledge, check_knowledge
+from roundel.solver.ellipse import EllipseFit, FailedFit
+from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
+from roundel.solver.intrinsics import Intrinsics, camera_for, parse_intrinsics
+from roundel.solver.locate import METHODS, estimate_of, find, fit_detection, fit_points, grey_levels
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+TIMINGS = "timings.jsonl"
+_CIRCULAR = ("disc", "ring")
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One frame to solve: position, id, size of its circles, and a camera for each kind of intrinsics."""
+
+    index: int
+    frame_id: int
+    diameter_m: float
+    cameras: list[Camera]
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Refuse unknown methods.
+
+    Raises
+    ------
+    UsageError
+    """
+    if not methods:
+        raise UsageError(f"no method; use {', '.join(METHODS)}")
+    for name in methods:
+        if name not in METHODS:
+            close = difflib.get_close_matches(name, METHODS, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"use {', '.join(METHODS)}"
+            raise UsageError(f"unknown method {name!r}; {hint}")
+
+
+def solve_dataset(
+    dataset_path: str | Path,
+    out_path: str | Path,
+    methods: Sequence[str] = ("ml",),
+    intrinsics: Sequence[str] = ("true",),
+    groups: Sequence[str] | None = None,
+    knowledge: Knowledge = None,
+    progress: Progress | None = None,
+) -> dict[str, int]:
+    """Estimate the pose of every circle in a dataset.
+
+    Every circle of a frame is taken to have the diameter of the frame's first circular marker: a blind solver cannot
+    tell one marker from another. Frames without a circular marker (chessboards) are left out. Frames in points mode
+    start at the fit.
+
+    Parameters
+    ----------
+    dataset_path, out_path : path
+        `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, whole or not at all.
+    methods : sequence of str
+        `ml` (orthogonal distances), `direct` (Halir-Flusser on the same points), `edgedrawing` (OpenCV's own ellipse).
+    intrinsics : sequence of str
+        See `parse_intrinsics`.
+    groups : sequence of str, optional
+        Only these.
+    knowledge : str, NormalPrior or None
+        See `choose`.
+    progress : callable, optional
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    dict
+        Numbers of frames, detections, frames in which nothing was found, and failed estimates.
+
+    Raises
+    ------
+    UsageError
+        If a method, an intrinsics label or a group is unknown, or no frame has a circular marker.
+    DataError
+        If a file is missing or corrupt, or the result cannot be written.
+    """
+    check_methods(methods)
+    check_knowledge(knowledge)
+    methods = list(dict.fromkeys(methods))
+    specs = _specs(intrinsics)
+    images = open_images(dataset_path)
+    frames = _frames(images, specs, groups)
+    labels = [spec.label for spec in specs]
+    estimates: list[Estimate] = []
+    timings: list[str] = []
+    counts = {"frames": len(frames), "detections": 0, "empty_frames": 0, "failed_estimates": 0}
+    for done, frame in enumerate(frames):
+        if progress:
+            progress(done, len(frames))
+        started = time.perf_counter()
+        found, fits = _fits(images, frame, methods)
+        middle = time.perf_counter()
+        solved = _solve_frame(frame, found, fits, methods, labels, knowledge)
+        ended = time.perf_counter()
+        estimates += solved
+        counts["detections"] += found
+        counts["empty_frames"] += found == 0
+        counts["failed_estimates"] += sum(not estimate for estimate in solved)
+        seconds = {"detect_s": round(middle - started, 6), "pose_s": round(ended - middle, 6)}
+        timings.append(json.dumps({"frame_id": frame.frame_id, "detections": found, **seconds}))
+    if progress:
+        progress(len(frames), len(frames))
+    out = Path(out_path)
+    write_estimates(estimates, out / ESTIMATES)
+    write_file(out / TIMINGS, "".join(f"{line}\n" for line in timings).encode())
+    return counts
+
+
+def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
+    if not intrinsics:
+        raise UsageError("no intrinsics; use true, default, exif, scaled:0.7 or calibrated:FILE")
+    specs = {text: parse_intrinsics(text) for text in intrinsics}
+    by_label: dict[str, str] = {}
+    for text, spec in specs.items():
+        other = by_label.setdefault(spec.label, text)
+        if other != text and spec.kind == "calibrated":
+            raise UsageError(f"--intrinsics {other} and {text} would both be called {spec.label}; rename one file")
+    return list({spec.label: spec for spec in specs.values()}.values())
+
+
+def _frames(images: Images, specs: list[Intrinsics], groups: Sequence[str] | None) -> list[_Frame]:
+    """Frames with a circular marker; their cameras are made first, so that a wrong argument ends the run at once."""
+    known = sorted(set(images.groups))
+    for group in groups or ():
+        if group not in known:
+            raise UsageError(f"group {group!r}: the dataset has {', '.join(known)}")
+    out = []
+    for i, (frame_id, group) in enumerate(zip(images.frame_ids, images.groups, strict=True)):
+        diameters = [m["diameter_m"] for m in images.markers(i) if m["kind"] in _CIRCULAR]
+        if not diameters or (groups is not None and group not in groups):
+            continue
+        camera = images.camera(i)
+        cameras = [camera_for(spec, camera, camera.width_px, camera.height_px) for spec in specs]
+        out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
+    if not out:
+        raise UsageError("no frame with a circular marker; name a group that has one")
+    return out
+
+
+Fits = dict[tuple[str, int], list[EllipseFit | FailedFit]]
+
+
+def _fits(images: Images, frame: _Frame, methods: list[str]) -> tuple[int, Fits]:
+    """Number of detections, and the fits {(method, camera): one for each detection}.
+
+    Cameras that undistort alike (none of them distorts, or K and distortion agree) share one fit.
+    """
+    if images.mode(frame.index) == "points":
+        by_marker = images.points(frame.index)
+        points = [by_marker[marker_id] for marker_id in sorted(by_marker)]
+        return len(points), _shared(frame, methods, lambda c, m: [fit_points(p, None, c, m) for p in points])
+    grey, full_scale_dn = grey_levels(images.image(frame.index))
+    detections = find(grey, full_scale_dn)
+    return len(detections), _shared(frame, methods, lambda c, m: [fit_detection(d, c, m) for d in detections])
+
+
+def _shared(frame: _Frame, methods: list[str], fit: Callable[[Camera, str], list[EllipseFit | FailedFit]]) -> Fits:
+    made: dict[Any, list[EllipseFit | FailedFit]] = {}
+    out: Fits = {}
+    for method in methods:
+        for i, camera in enumerate(frame.cameras):
+            lens = (tuple(camera.K.ravel().tolist()), camera.distortion) if any(camera.distortion) else None
+            if (method, lens) not in made:
+                made[method, lens] = fit(camera, method)
+            out[method, i] = made[method, lens]
+    return out
+
+
+def _solve_frame(
+    frame: _Frame, found: int, fits: Fits, methods: list[str], labels: list[str], knowledge: Knowledge
+) -> list[Estimate]:
+    out = []
+    for method in methods:
+        for i, (label, camera) in enumerate(zip(labels, frame.cameras, strict=True)):
+            if found == 0:
+                out.append(Estimate(frame.frame_id, NOT_FOUND, method, label, "failed", "no ellipse found"))
+            for detection_id, fit in enumerate(fits[method, i]):
+                key = (frame.frame_id, detection_id, method, label)
+                out.append(estimate_of(fit, camera, frame.diameter_m, knowledge, key))
+    return out

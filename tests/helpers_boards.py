@@ -1,0 +1,83 @@
+"""Images of chessboards without a renderer: the area of each pixel that is ink, by supersampling through a Camera."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, gaussian_filter
+
+from roundel.scenes.camera import Camera, normalise, project, undistort_px
+from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.validate.board import BoardLayout, board_points_m
+
+Array = NDArray[np.float64]
+
+
+def _ink(camera_xy: Array, pose: Array, layout: BoardLayout) -> NDArray[np.bool_]:
+    """Whether the rays of normalised coordinates (..., 2) meet ink."""
+    ray = np.concatenate([camera_xy, np.ones((*camera_xy.shape[:-1], 1))], axis=-1)
+    normal, centre = pose[:3, 2], pose[:3, 3]
+    offset = ray * ((normal @ centre) / (ray @ normal))[..., None] - centre
+    column = offset @ pose[:3, 0] / layout.square_m + (layout.columns + 1) / 2
+    row = (layout.rows + 1) / 2 - offset @ pose[:3, 1] / layout.square_m
+    on_board = (column >= 0) & (column < layout.columns + 1) & (row >= 0) & (row < layout.rows + 1)
+    return on_board & ((np.floor(column) + np.floor(row)) % 2 == 0)
+
+
+@lru_cache(maxsize=4)
+def corner_rays(width: int, height: int, k: tuple[float, ...], distortion: tuple[float, ...]) -> Array:
+    """Normalised coordinates (H + 1, W + 1, 2) of the pixels' corners."""
+    camera = Camera(width, height, np.array(k).reshape(3, 3), distortion)
+    corner = np.stack(np.meshgrid(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5), axis=-1)
+    return normalise(camera, undistort_px(camera, corner))
+
+
+def subpixel_rays(corner: Array, pixels: NDArray[np.bool_], count: int) -> Array:
+    """Normalised coordinates (N, count^2, 2) within the pixels of a mask; within one the lens is bilinear to 1e-7 px."""
+    v, u = np.nonzero(pixels)
+    step = (np.arange(count) + 0.5) / count
+    x, y = (axis.ravel()[:, None] for axis in np.meshgrid(step, step))
+    top = corner[v, u][:, None] * (1 - x) + corner[v, u + 1][:, None] * x
+    bottom = corner[v + 1, u][:, None] * (1 - x) + corner[v + 1, u + 1][:, None] * x
+    return np.asarray(top * (1 - y) + bottom * y)
+
+
+def board_image(
+    camera: Camera, pose: Array, layout: BoardLayout, subpixels: int = 8, blur_px: float = 0.0
+) -> NDArray[np.uint8]:
+    """Image (H, W) of a board on paper that fills the view; only pixels that an edge crosses are subdivided."""
+    corner = corner_rays(camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion)
+    ink = _ink(corner, pose, layout)
+    count = ink[:-1, :-1].astype(int) + ink[1:, :-1] + ink[:-1, 1:] + ink[1:, 1:]
+    coverage = count / 4.0
+    mixed = binary_dilation((count > 0) & (count < 4), np.ones((3, 3)))
+    coverage[mixed] = _ink(subpixel_rays(corner, mixed, subpixels), pose, layout).mean(axis=1)
+    if blur_px:
+        coverage = gaussian_filter(coverage, blur_px)
+    return np.rint(220.0 - 190.0 * coverage).astype(np.uint8)
+
+
+def true_corners(camera: Camera, pose: Array, layout: BoardLayout) -> Array:
+    """True image (N, 2) of the inner corners."""
+    return project(camera, transform_points(pose, board_points_m(layout)))
+
+
+def board_views(camera: Camera, layout: BoardLayout, count: int, seed: int, span: float = 0.55) -> list[Array]:
+    """`count` poses in which the whole board is in view, spread over the image; `span` is its part of the width."""
+    rng = np.random.default_rng(seed)
+    size = layout.square_m * (max(layout.columns, layout.rows) + 1)
+    near = camera.K[0, 0] * size / (span * camera.width_px)
+    views: list[Array] = []
+    while len(views) < count:
+        distance = near * rng.uniform(1.0, 1.5)
+        reach = np.array([camera.width_px, camera.height_px]) / 2 / camera.K[0, 0] * distance
+        centre = np.array([*(rng.uniform(-0.6, 0.6, 2) * reach), distance])
+        pose = camera_from_marker_of(normal_of(rng.uniform(5, 45), rng.uniform(0, 360)), centre, rng.uniform(-40, 40))
+        pixels = true_corners(camera, pose, layout)
+        margin = 2.0 * np.linalg.norm(pixels[1] - pixels[0])
+        low, high = margin, np.array([camera.width_px, camera.height_px]) - margin
+        if np.all((pixels > low) & (pixels < high)):
+            views.append(pose)
+    return views

@@ -1,0 +1,184 @@
+"""What a calibration is worth against the true camera.
+
+The RMS of a calibration says how well the model fits its own corners, not how right the camera is: it stands here
+beside the errors of the parameters and the difference of projection over the whole image (mrcal, "Projection
+uncertainty").
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.files import write_file
+from roundel.scenes.camera import Camera, normalise, project, undistort_px
+from roundel.scenes.errors import NotComparableError
+from roundel.validate.board import BoardLayout, board_points_m
+from roundel.validate.calibration import (
+    BoardView,
+    Calibration,
+    calibrate_views,
+    calibration_group,
+    calibration_to_json,
+    look_for_boards,
+)
+from roundel.validate.targets import frame_cameras, poses_of, rows_of_kind
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProjectionDifference:
+    """Difference of projection between two cameras over the whole image, px."""
+
+    mean_px: float
+    max_px: float
+    mean_rotated_px: float
+    max_rotated_px: float
+
+
+def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference:
+    """How far the same ray lands from its true pixel, over a grid of the whole image.
+
+    The second pair has the rotation removed that brings the two nearest in the sense of least squares (mrcal,
+    "Differencing cameras"): a calibration may trade principal point for rotation, and a pose estimated with it does so
+    too.
+    """
+    from scipy.optimize import least_squares
+
+    u, v = np.linspace(0, truth.width_px - 1, 33), np.linspace(0, truth.height_px - 1, 19)
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    xy = normalise(truth, undistort_px(truth, grid))
+    rays = np.column_stack([xy, np.ones(len(xy))])
+
+    def miss(rotation: Array) -> Array:
+        return project(camera, rays @ cv2.Rodrigues(rotation)[0].T) - grid
+
+    plain = np.linalg.norm(miss(np.zeros(3)), axis=-1)
+    fit = least_squares(lambda r: miss(r).ravel(), np.zeros(3), x_scale=1e-3)
+    rotated = np.linalg.norm(miss(fit.x), axis=-1)
+    return ProjectionDifference(*(float(f(d)) for d in (plain, rotated) for f in (np.mean, np.max)))
+
+
+def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
+    """Errors of a calibrated camera against the true one: parameters, and projection over the whole image.
+
+    Returns
+    -------
+    dict
+        fx_error_pct, fy_error_pct, cx_error_px, cy_error_px, k1_error ... k3_error, projection_mean_px,
+        projection_max_px, and the last two with the best rotation removed.
+    """
+    if (camera.width_px, camera.height_px) != (truth.width_px, truth.height_px):
+        raise NotComparableError(
+            f"the camera file is of {camera.width_px}x{camera.height_px} px, the dataset of "
+            f"{truth.width_px}x{truth.height_px} px; calibrate with this dataset's camera"
+        )
+    difference = projection_difference(camera, truth)
+    pad = (0.0,) * 5
+    names = ("k1", "k2", "p1", "p2", "k3")
+    pairs = zip(names, (camera.distortion + pad)[:5], (truth.distortion + pad)[:5], strict=True)
+    return {
+        "fx_error_pct": float(100 * (camera.K[0, 0] / truth.K[0, 0] - 1)),
+        "fy_error_pct": float(100 * (camera.K[1, 1] / truth.K[1, 1] - 1)),
+        "cx_error_px": float(camera.K[0, 2] - truth.K[0, 2]),
+        "cy_error_px": float(camera.K[1, 2] - truth.K[1, 2]),
+        **{f"{name}_error": float(a - b) for name, a, b in pairs},
+        "projection_mean_px": difference.mean_px,
+        "projection_max_px": difference.max_px,
+        "projection_mean_rotated_px": difference.mean_rotated_px,
+        "projection_max_rotated_px": difference.max_rotated_px,
+    }
+
+
+def corner_offsets_px(corners_px: Array, camera_from_board: Array, layout: BoardLayout, camera: Camera) -> Array:
+    """Corners found minus their true image (N, 2), px."""
+    points = board_points_m(layout) @ camera_from_board[:3, :3].T + camera_from_board[:3, 3]
+    return corners_px - project(camera, points)
+
+
+def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: Calibration) -> dict[str, Any]:
+    """A calibration in numbers: its own residual, its corners and its camera beside the truth.
+
+    The errors of the camera are left out when the views were taken by different cameras, where there is no one truth.
+    """
+    index, cameras = frame_cameras(dataset)
+    truth = rows_of_kind(dataset, ("chessboard",))
+    keys = zip(truth["frame_id"].to_pylist(), truth["marker_id"].to_pylist(), strict=True)
+    poses = dict(zip(keys, poses_of(truth), strict=True))
+    offsets = np.concatenate(
+        [
+            corner_offsets_px(v.corners_px, poses[v.frame_id, v.marker_id], v.layout, cameras[index[v.frame_id]])
+            for v in views
+            if v.corners_px is not None
+        ]
+    )
+    used = {index[view.frame_id] for view in views}
+    camera = calibration.camera
+    return {
+        "group": ", ".join(dict.fromkeys(view.group for view in views)),
+        "views": len(calibration.frame_ids),
+        "missed_views": len(calibration.missed_frame_ids),
+        "corners": len(offsets),
+        "rms_px": calibration.rms_px,
+        "rms_check_px": calibration.rms_check_px,
+        "corner_offset_mean_x_px": float(offsets[:, 0].mean()),
+        "corner_offset_mean_y_px": float(offsets[:, 1].mean()),
+        "corner_offset_std_px": float(offsets.std()),
+        "corner_offset_max_px": float(np.abs(offsets).max()),
+        "fx_px": float(camera.K[0, 0]),
+        "fy_px": float(camera.K[1, 1]),
+        "cx_px": float(camera.K[0, 2]),
+        "cy_px": float(camera.K[1, 2]),
+        "distortion": list(camera.distortion),
+        **(calibration_errors(camera, cameras[used.pop()]) if len(used) == 1 else {}),
+    }
+
+
+def calibrate_dataset(dataset_path: str | Path, camera_path: str | Path, group: str | None = None) -> dict[str, Any]:
+    """Calibrate from a dataset's chessboards, write the camera file, and tell what it is worth.
+
+    Parameters
+    ----------
+    dataset_path : path
+    camera_path : path
+        Where the camera file goes: the camera keys of `cameras.json`, and no truth.
+    group : str, optional
+        As `calibrate`.
+
+    Returns
+    -------
+    dict
+        As `calibration_summary`.
+    """
+    dataset = open_dataset(dataset_path)
+    group = calibration_group(dataset.images, group)
+    views = look_for_boards(dataset.images, group)
+    calibration = calibrate_views(views)
+    record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
+    write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())
+    return calibration_summary(dataset, views, calibration)
+
+
+def calibration_lines(summary: dict[str, Any]) -> list[str]:
+    """A calibration as lines for the terminal."""
+    if "rms_px" not in summary:
+        return [f"calibration: {summary['reason']}"]
+    total = summary["views"] + summary["missed_views"]
+    views = f"{summary['views']} of {total} views, {summary['corners']} corners"
+    lines = [f"calibration: {views}, RMS {summary['rms_px']:.4f} px"]
+    if "fx_error_pct" in summary:
+        lines.append(
+            f"against the true camera: fx {summary['fx_error_pct']:+.3f} %, fy {summary['fy_error_pct']:+.3f} %, "
+            f"cx {summary['cx_error_px']:+.3f} px, cy {summary['cy_error_px']:+.3f} px; "
+            f"projection off by {summary['projection_mean_px']:.3f} px in the mean, "
+            f"{summary['projection_max_px']:.3f} px at most"
+        )
+    return lines

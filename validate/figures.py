@@ -1,0 +1,207 @@
+"""Figures as SVG: the paper's figure from a table of scores.
+
+Every figure is inlined into the report and coloured by it: text, grid and curves carry CSS variables, so that one figure
+serves light and dark. Text stays text, in the reader's own font. The bytes depend on the scores alone.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.summary import column, grid_of, intrinsics_rank, number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+# Colours that stand for CSS variables: matplotlib wants a colour, and writes it as lower-case hex.
+INK, GRID = "#010203", "#040506"
+
+# Okabe and Ito's palette, which the colour-blind tell apart, without its yellow, which white paper swallows.
+# Each stands for --curve-0 ... in the style sheet, which lightens them for the dark; markers differ as well.
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+# Twice the standard error: 95 % of a mean's error where a cell has enough frames for a normal law.
+_BAND = 1.96
+_MIN_FOR_BAND = 5
+
+
+@dataclass(frozen=True)
+class Row:
+    """One error of the paper's figure."""
+
+    column: str
+    label: str
+
+
+ROWS = (
+    Row("oracle_normal_error_deg", "normal [deg]"),
+    Row("oracle_position_error_D", "position [D]"),
+    Row("oracle_reprojection_error_px", "reprojection [px]"),
+)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure: its SVG, for inlining, and what it shows in words."""
+
+    name: str
+    caption: str
+    svg: str
+
+
+def pictures(table: pa.Table) -> list[Picture]:
+    """The paper's figure for each method, reference and group of a table of scores."""
+    found = []
+    texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
+    keys = dict.fromkeys(zip(texts["method"], texts["reference"], texts["group"], strict=True))
+    several = len({key[2] for key in keys}) > 1
+    for method, reference, group in sorted(keys, key=lambda k: (k[0], k[1] != "truth", k[2])):
+        rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
+        if method == "chessboard_pnp" or not np.isfinite(column(table, ROWS[0].column)[rows]).any():
+            continue
+        part = table.filter(pa.array(rows))
+        name = "-".join(re.sub(r"[^a-z0-9]+", "-", text.lower()) for text in (method, reference, group))
+        about = f"Method {method} against the {reference}" + (f", group {group}" if several else "")
+        grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
+        if grid is not None and len(grid[0]) > 1:
+            caption = (
+                f"{about}: mean error of the better candidate over distance, a panel a tilt, a curve a kind of "
+                f"intrinsics. Bands: 95 % of the mean, in cells of {_MIN_FOR_BAND} frames or more."
+            )
+            found.append(Picture(name, caption, _drawn(name, about, part, grid)))
+        else:
+            caption = (
+                f"{about}: each frame's error of the better candidate over distance, and medians of frames of like "
+                "distance."
+            )
+            found.append(Picture(name, caption, _drawn(name, about, part, None)))
+    return found
+
+
+def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    settings = {
+        "svg.hashsalt": name,
+        "svg.fonttype": "none",
+        "font.size": 9,
+        "axes.edgecolor": GRID,
+        "axes.labelcolor": INK,
+        "axes.titlesize": 9,
+        "axes.titlecolor": INK,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "grid.color": GRID,
+        "grid.linewidth": 0.5,
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "text.color": INK,
+        "legend.frameon": False,
+    }
+    with mpl.rc_context(settings):
+        panels = 1 if grid is None else len(grid[1])
+        # One panel a row would be a tall strip: the three errors then stand side by side.
+        shape = (1, len(ROWS)) if panels == 1 else (len(ROWS), panels)
+        figure = Figure(figsize=(max(3.0 * shape[1], 6.0), 2.1 * shape[0] + 0.7), layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
+        labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
+        for r, row in enumerate(ROWS):
+            for p in range(panels):
+                at = axes[0, r] if panels == 1 else axes[r, p]
+                if grid is None:
+                    _scatter(at, table, row, labels)
+                else:
+                    _curves(at, table, row, labels, grid[0], float(grid[1][p]))
+                if r == 0 and grid is not None and panels > 1:
+                    at.set_title(f"tilt {number(float(grid[1][p]))} deg")
+                if p == 0:
+                    at.set_ylabel(row.label)
+                if panels == 1 or r == len(ROWS) - 1:
+                    at.set_xlabel("distance [D]")
+            _scale(axes[0, r] if panels == 1 else axes[r, 0], column(table, row.column))
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5))
+        sink = io.StringIO()
+        figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return inlined(sink.getvalue(), name, title)
+
+
+def _scale(axes: Axes, values: Array) -> None:
+    """A logarithmic axis where the errors span more than a linear one can show."""
+    known = values[np.isfinite(values) & (values > 0)]
+    if len(known) and np.percentile(known, 95) > 20 * np.percentile(known, 5):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+
+
+def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances: Array, tilt: float) -> None:
+    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
+    values = column(table, row.column)
+    for i, label in enumerate(labels):
+        cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
+        mean = np.array([cell.mean() if len(cell) else np.nan for cell in cells])
+        enough = np.array([len(cell) >= _MIN_FOR_BAND for cell in cells])
+        half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
+        low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
+        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=_colour(i), alpha=0.18, lw=0)
+        axes.plot(distances, mean, color=_colour(i), marker=_marker(i), ms=3.5, lw=1.4, label=label)
+
+
+def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
+    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    distance, values = column(table, "distance_D"), column(table, row.column)
+    for i, label in enumerate(labels):
+        rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)
+        x, y = distance[rows], values[rows]
+        # 500 dots say all that dots can say; more would only make the file large.
+        step = max(1, len(x) // 500)
+        axes.plot(x[::step], y[::step], ls="none", marker=_marker(i), ms=2.5, mew=0, color=_colour(i), alpha=0.45)
+        bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
+        line = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
+        # Even without a line the legend needs its entry.
+        axes.plot(*line, color=_colour(i), marker=_marker(i), ms=4, lw=1.4, label=label)
+
+
+def _colour(i: int) -> str:
+    return CURVES[i % len(CURVES)]
+
+
+def _marker(i: int) -> str:
+    return MARKERS[i % len(MARKERS)]
+
+
+def inlined(svg: str, name: str, title: str) -> str:
+    """An SVG file of matplotlib's as an element for HTML: coloured by CSS, ids of its own, a title for screen readers."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r' xmlns:xlink="[^"]*"', "", svg).replace("xlink:href", "href")
+    # Figures on one page must not share ids.
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
+    svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
+    svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
+    colours: dict[str, Any] = {INK: "var(--ink)", GRID: "var(--grid)"}
+    colours |= {colour: f"var(--curve-{i})" for i, colour in enumerate(CURVES)}
+    for colour, variable in colours.items():
+        svg = svg.replace(colour, variable)
+    # Sized by the page: the view box keeps the shape.
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
+    text = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    return svg.replace("<svg", f'<svg class="figure" role="img" aria-label="{text}"', 1).strip()
