@@ -7,19 +7,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera import project
+from roundel.scenes.frame import Frame
+from roundel.scenes.pose import transform_points
 from roundel.scenes.schema import SensorSection
 
-# The brightest area is where 1 % of the frame is brighter still: a lamp in view must not darken the rest.
+# White is where 1 % of the sheet is brighter still.
 _WHITE_QUANTILE = 0.99
+_METERED_SIDE = 64
 
 _QUANTISATION_VARIANCE_DN2 = 1.0 / 12.0
 
 
-def exposure_of(radiance: NDArray[np.float32], sensor: SensorSection) -> float:
-    """Electrons that a radiance of 1 collects in a pixel: fixed, or set by the frame's white."""
+def metered(frame: Frame, radiance: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Radiance at points spread over the sheet: what the exposure is measured on.
+
+    The whole frame would not do: a far sheet is a thousandth of it, and would be burnt out for the sake of the wall.
+    """
+    (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
+    steps = (np.arange(_METERED_SIDE) + 0.5) / _METERED_SIDE
+    x, y = (a.ravel() for a in np.meshgrid(x0 + (x1 - x0) * steps, y0 + (y1 - y0) * steps))
+    px = project(frame.camera, transform_points(frame.camera_from_sheet, np.column_stack([x, y, np.zeros_like(x)])))
+    height, width = radiance.shape
+    seen = np.all((px >= -0.5) & (px < [width - 0.5, height - 0.5]), axis=1)
+    columns, rows = np.rint(px[seen]).astype(np.int64).T
+    return radiance[rows, columns].astype(np.float64)
+
+
+def exposure_of(levels: NDArray[np.float64], sensor: SensorSection) -> float:
+    """Electrons that a radiance of 1 collects in a pixel: fixed, or set by the white of the metered levels."""
     if sensor.exposure_e is not None:
         return float(sensor.exposure_e)
-    white = float(np.quantile(radiance.astype(np.float64), _WHITE_QUANTILE))
+    white = float(np.quantile(levels, _WHITE_QUANTILE)) if len(levels) else 0.0
     return float(sensor.white_level * sensor.full_well_e / white) if white > 0 else 0.0
 
 

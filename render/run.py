@@ -21,7 +21,7 @@ from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.finish import finish_dataset, study_bytes
 from roundel.datasets.radiance import encode_radiance
 from roundel.render.backend import DEFAULT_VARIANT, environment, start
-from roundel.render.develop import develop, edge_photometry, exposure_of
+from roundel.render.develop import develop, edge_photometry, exposure_of, metered
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
 from roundel.scenes.study import Study, load_study
@@ -54,7 +54,7 @@ def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, d
     radiance = render_radiance(mi, frame)
     clock.append(time.perf_counter())
     sensor = frame.settings.sensor
-    exposure_e = exposure_of(radiance.mean, sensor)
+    exposure_e = exposure_of(metered(frame, radiance.mean), sensor)
     image = develop(radiance.mean, exposure_e, sensor, frame.noise_seed)
     circles = [part for part in frame.sheet.parts if part.radius_m is not None]
     photometry = {
@@ -118,7 +118,7 @@ def _rendered(
         try:
             yield from pool.map(_work, frame_ids)
         except BrokenProcessPool as error:
-            raise DataError("a rendering process died (out of memory?); run again to go on") from error
+            raise DataError("a rendering process died; run again to go on") from error
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -135,7 +135,7 @@ def _prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
             raise DataError(f"{held}: corrupt ({error}); name another folder, or remove this one") from error
         if digest != study.digest():
             raise UsageError(
-                f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, this study {study.digest()[:12]}); "
+                f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, not {study.digest()[:12]}); "
                 "name another folder, remove this one, or restore the study"
             )
     elif dataset.is_dir() and any(dataset.iterdir()):

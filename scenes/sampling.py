@@ -14,33 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from roundel.scenes.schema import GroupSection
-from roundel.scenes.values import Spread
-
-Key = tuple[str | int, ...]
-
-
-def spreads_of(group: GroupSection) -> list[tuple[Key, Spread]]:
-    """Every spread of a group with its place, in the order of the schema."""
-    found: list[tuple[Key, Spread]] = []
-
-    def walk(node: Any, where: Key) -> None:
-        if isinstance(node, Spread):
-            found.append((where, node))
-        elif isinstance(node, list | tuple):
-            for i, item in enumerate(node):
-                walk(item, (*where, i))
-        elif hasattr(type(node), "model_fields"):
-            for name in type(node).model_fields:
-                walk(getattr(node, name), (*where, name))
-
-    walk(group, ())
-    return found
+from roundel.scenes.schema import GroupSection, Key
 
 
 def cells_of(group: GroupSection) -> int:
     """Number of cells: the product of the lengths of all grids."""
-    return math.prod(len(s.args) for _, s in spreads_of(group) if s.kind == "grid")
+    return math.prod(len(s.args) for _, s in group.spreads if s.kind == "grid")
 
 
 def frames_per_level(group: GroupSection) -> int:
@@ -83,7 +62,7 @@ def _points(dimensions: int, seed: int, group: str, block: int) -> Any:
 
 def draw(group: GroupSection, seed: int, name: str, index: int) -> dict[Key, float]:
     """The value of every spread for frame `index` of a group (within its level of a sweep)."""
-    spreads = spreads_of(group)
+    spreads = group.spreads
     cell = index // (frames_per_level(group) // cells_of(group))
     values: dict[Key, float] = {}
     free = [(key, spread) for key, spread in spreads if spread.kind != "grid"]

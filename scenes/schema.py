@@ -5,13 +5,16 @@ A group's section is what all groups share, with the group's own keys laid over 
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from roundel.scenes.values import AnyValue, Fraction, NonNegative, Positive, Tilt, Turn
+from roundel.scenes.values import AnyValue, Fraction, NonNegative, Positive, Spread, Tilt, Turn
 
 SCHEMA_VERSION = 1
+
+Key = tuple[str | int, ...]
 
 
 class _Model(BaseModel):
@@ -145,7 +148,7 @@ class SensorSection(_Model):
     """Electrons and digital numbers (EMVA 1288 terms)."""
 
     white_level: Positive = Field(
-        default=0.8, description="auto exposure: where in the full well the brightest area lands"
+        default=0.8, description="auto exposure: where in the full well the white of the sheet lands"
     )
     exposure_e: Positive | None = Field(default=None, description="fixed exposure: electrons for a radiance of 1")
     full_well_e: Positive = 10_000.0
@@ -191,6 +194,24 @@ class GroupSection(_Model):
     render: RenderSection = RenderSection()
     points: PointsSection = PointsSection()
     sweep: SweepSection | None = None
+
+    @cached_property
+    def spreads(self) -> list[tuple[Key, Spread]]:
+        """Every spread with its place, in the order of the schema; kept, as each frame asks for it."""
+        found: list[tuple[Key, Spread]] = []
+
+        def walk(node: Any, where: Key) -> None:
+            if isinstance(node, Spread):
+                found.append((where, node))
+            elif isinstance(node, list | tuple):
+                for i, item in enumerate(node):
+                    walk(item, (*where, i))
+            elif isinstance(node, BaseModel):
+                for name in type(node).model_fields:
+                    walk(getattr(node, name), (*where, name))
+
+        walk(self, ())
+        return found
 
     @model_validator(mode="after")
     def _one_count(self) -> GroupSection:

@@ -35,8 +35,16 @@ def edge_blur_px(camera: Camera, depth_m: float) -> float:
     return float(np.sqrt(PIXEL_VARIANCE_PX2 + radius_px**2 / 4))
 
 
-def _visible_fraction(frame: Frame, part: Part) -> float:
-    """Fraction of the part's area inside the image, over 4,096 points of equal area."""
+def _inside_image(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(
+        np.all((px >= -0.5) & (px <= [camera.width_px - 0.5, camera.height_px - 0.5]), axis=1), dtype=bool
+    )
+
+
+def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) -> float:
+    """Fraction of the part's area inside the image, over 4,096 points of equal area; 1 if its contour is whole."""
+    if _inside_image(frame.camera, contour).all():
+        return 1.0
     steps = (np.arange(64) + 0.5) / 64
     u, v = np.meshgrid(steps, steps)
     if part.radius_m is not None:
@@ -47,8 +55,7 @@ def _visible_fraction(frame: Frame, part: Part) -> float:
         x, y = w * (2 * u - 1), h * (2 * v - 1)
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     px = project(frame.camera, transform_points(frame.camera_from_part(part), flat))
-    inside = np.all((px >= -0.5) & (px <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
-    return float(inside.mean())
+    return float(_inside_image(frame.camera, px).mean())
 
 
 def _vector(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
@@ -115,7 +122,7 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         **{f"vanishing_line_{i}": float(v) for i, v in enumerate(line)},
         "contour_x_px": contour[:, 0].tolist(),
         "contour_y_px": contour[:, 1].tolist(),
-        "visible_fraction": _visible_fraction(frame, part),
+        "visible_fraction": _visible_fraction(frame, part, contour),
         "edge_contrast_dn": None,
         "edge_noise_dn": None,
         "edge_blur_px": edge_blur_px(camera, float(centre[2])),

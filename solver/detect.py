@@ -92,11 +92,10 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
     grey, gain = grey_8bit(image)
     noise = noise_dn(image)
     segments, ellipses = _edge_drawing(grey, noise * gain)
-    measured = np.asarray(image, dtype=np.float64)
     ranked = []
     for candidate in [*ellipses, *_from_segments(segments, grey.shape)]:
         if _plausible(candidate, grey.shape):
-            support, polarity = _evidence(measured, candidate)
+            support, polarity = _evidence(image, candidate)
             if support >= _MIN_COVERAGE - 0.1:
                 ranked.append((support, polarity, candidate))
     ranked.sort(key=lambda r: (-round(r[0], 2), -r[2][2], r[2][0], r[2][1]))
@@ -111,7 +110,7 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
             continue
         tried.append((polarity, candidate))
         refined += 1
-        edges = edge_points(measured, candidate, full_scale_dn)
+        edges = edge_points(image, candidate, full_scale_dn)
         if isinstance(edges, FailedFit) or not _is_circle_image(edges, noise, full_scale_dn):
             continue
         if not any(_alike(edges.ellipse, other.ellipse, 0.5) for other in found):
@@ -211,7 +210,7 @@ def _along(ellipse: Array, points: Array) -> Array:
     return close[np.abs(foot_points(ellipse, close)[0]) <= 1.5]
 
 
-def _evidence(image: Array, ellipse: Array) -> tuple[float, float]:
+def _evidence(image: NDArray[Any], ellipse: Array) -> tuple[float, float]:
     """Fraction of the contour with a step of the common polarity, and that polarity (+1: dark inside)."""
     count = int(np.clip(float(ellipse_perimeter_px(ellipse)), 24, 96))
     t = np.linspace(0, 2 * np.pi, count, endpoint=False)
@@ -243,7 +242,7 @@ def _evidence(image: Array, ellipse: Array) -> tuple[float, float]:
     return float(np.mean(agrees)), float(np.sign(middle))
 
 
-def _pixels(image: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _pixels(image: NDArray[Any], points: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Bilinear grey levels, and which points lie in the image."""
     height, width = image.shape
     x, y = points.T

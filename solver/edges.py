@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ _LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to 
 _MAX_ROUNDS = 6
 _PIXEL_VARIANCE = 1.0 / 12.0
 _SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
+_FIRST_STEPS, _STEPS = 4, 3
+_SATURATED_STEPS = 12
 _FIT_TOLERANCE = 1e-5  # of the size: the points move more than that in the next round
 _MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
 
@@ -86,7 +89,7 @@ class _Band:
     expected: Array  # (count,) pixels a sector would have if none lay outside the image
 
 
-def edge_points(image: Array, ellipse: Array, full_scale_dn: float = 255.0) -> EdgePoints | FailedFit:
+def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0) -> EdgePoints | FailedFit:
     """Find the points of the edge along an approximate ellipse, and the ellipse through them.
 
     Parameters
@@ -116,7 +119,7 @@ def edge_points(image: Array, ellipse: Array, full_scale_dn: float = 255.0) -> E
         if len(band.value) < 2 * count:
             return FailedFit("no edge with flat sides along the contour")
         limits = (reach[0] - _PLATEAU_PX, reach[1] + _PLATEAU_PX)
-        delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, steps=4 if first else 3)
+        delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, first)
         if np.count_nonzero(good) < max(8, 0.4 * count):
             return FailedFit(f"only {np.count_nonzero(good)} of {count} sectors of the contour show an edge")
         feet, normals = _sector_centres(current, count)
@@ -170,7 +173,7 @@ def _arc(ellipse: Array) -> tuple[Array, Array]:
     return knots, np.concatenate([[0.0], np.cumsum(speed)])
 
 
-def _band(image: Array, ellipse: Array, limits: tuple[float, float], count: int) -> _Band:
+def _band(image: NDArray[Any], ellipse: Array, limits: tuple[float, float], count: int) -> _Band:
     """Pixels whose distance to the contour lies within the limits, and within 0.9 b of it on the inner side."""
     height, width = image.shape
     x, y, a, b, angle_deg = (float(v) for v in ellipse)
@@ -182,13 +185,12 @@ def _band(image: Array, ellipse: Array, limits: tuple[float, float], count: int)
     half_h = math.hypot(a * s, b * c) + outer + 1
     x0, x1 = max(0, math.floor(x - half_w)), min(width, math.ceil(x + half_w) + 1)
     y0, y1 = max(0, math.floor(y - half_h)), min(height, math.ceil(y + half_h) + 1)
-    yy, xx = np.mgrid[y0 : max(y1, y0), x0 : max(x1, x0)]
-    px, py = xx.ravel() - x, yy.ravel() - y
-    radius = np.hypot((c * px + s * py) / a, (c * py - s * px) / b)
+    dx, dy = np.arange(x0, x1) - x, (np.arange(y0, y1) - y)[:, None]
+    radius2 = ((c / a) * dx + (s / a) * dy) ** 2 + ((c / b) * dy - (s / b) * dx) ** 2
     # The distance to the contour is at least b |radius - 1|: a cheap superset of the band.
-    near = (radius >= 1 + inner / b) & (radius <= 1 + outer / b)
-    pixels = np.stack([px[near] + x, py[near] + y], axis=1)
-    value = image[y0 : max(y1, y0), x0 : max(x1, x0)].ravel()[near]
+    rows, columns = np.nonzero((radius2 >= max(1 + inner / b, 0.0) ** 2) & (radius2 <= (1 + outer / b) ** 2))
+    pixels = np.stack([columns + float(x0), rows + float(y0)], axis=1)
+    value = image[rows + y0, columns + x0]
     distance, normal, u = foot_points(ellipse, pixels)
     inside = (distance >= inner) & (distance <= outer)
     distance, normal, u, value = distance[inside], normal[inside], u[inside], value[inside]
@@ -290,7 +292,7 @@ def _step_response(z: Array, half_sum: Array, half_difference: Array, variance: 
 
 
 def _offsets(
-    band: _Band, variance: float, full_scale_dn: float, steps: int
+    band: _Band, variance: float, full_scale_dn: float, first: bool
 ) -> tuple[Array, Array, NDArray[np.bool_], float, float, float]:
     """Offset of each sector and its sigma, which of them to trust, blur variance, contrast, residual noise."""
     sector, count, value = band.sector, band.count, band.value
@@ -301,23 +303,41 @@ def _offsets(
     delta = np.zeros(count)
     window = min(max(1, round(_LEVEL_WINDOW_PX / _SECTOR_PX)), (count - 1) // 4)
     size = total(np.ones_like(value))
+    # In the first round the contour is too rough to tell what lies beyond the full scale.
+    saturated = (value >= full_scale_dn - 0.5) & (not first)
+    steps = _FIRST_STEPS if first else _STEPS
+    if np.mean(saturated) > 0.25:
+        # Levels, offsets and blur are then tied to one another: they settle slowly, and take the whole contour to tell.
+        steps, window = _SATURATED_STEPS, (count - 1) // 2
+    # Weights of the pixels, derivative by -delta, and the inverse of what a sector knows of it: nothing at first.
+    seen, lean, inverse = np.ones_like(value), np.zeros_like(value), np.zeros(count)
     for _ in range(steps):
         z = band.distance - delta[sector] + (variance + _PIXEL_VARIANCE) * band.curvature / 2
         t, slope, bend = _step_response(z, band.half_sum, band.half_difference, variance)
-        # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors.
-        sums = [total(v) for v in ((1 - t) ** 2, (1 - t) * t, t * t, (1 - t) * value, t * value)]
-        a11, a12, a22, b1, b2 = (_around(v, window) for v in sums)
+        # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors;
+        # the offset of each sector is eliminated before (Schur complement).
+        p, q, v = seen * (1 - t), seen * t, seen * value
+        lean_p, lean_q, lean_v = (total(lean * column) for column in (p, q, v))
+        a11, a22 = total(p * p) - lean_p**2 * inverse, total(q * q) - lean_q**2 * inverse
+        a12 = total(p * q) - lean_p * lean_q * inverse
+        b1, b2 = total(p * v) - lean_p * lean_v * inverse, total(q * v) - lean_q * lean_v * inverse
+        a11, a12, a22, b1, b2 = (_around(entry, window) for entry in (a11, a12, a22, b1, b2))
         determinant = np.maximum(a11 * a22 - a12**2, 1e-9 * (a11 + a22) ** 2 + 1e-12)
         inside, outside = (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
         height = outside - inside
-        residual = value - inside[sector] - height[sector] * t
-        lean = height[sector] * slope
+        predicted = inside[sector] + height[sector] * t
+        # A saturated pixel says no more than "at least this".
+        seen = np.where(saturated & (predicted >= full_scale_dn), 0.0, 1.0)
+        residual = seen * (value - predicted)
+        lean = seen * height[sector] * slope
         information = total(lean**2)
         usable = information > 1e-12 * float(np.max(information, initial=0.0))
-        step = np.where(usable, -total(lean * residual) / np.where(usable, information, 1.0), 0.0)
-        delta += np.clip(step, -1.0, 1.0)
+        inverse = np.where(usable, 1.0 / np.where(usable, information, 1.0), 0.0)
+        delta -= np.clip(total(lean * residual) * inverse, -1.0, 1.0)
         # The blur's variance: dT / d(b^2) = T'' / 2, the heat equation.
-        widen = height[sector] * bend / 2
+        # Its part that offsets explain is theirs.
+        widen = seen * height[sector] * bend / 2
+        widen -= lean * (total(lean * widen) * inverse)[sector]
         power = float(np.sum(widen**2))
         change = float(np.sum(widen * residual)) / power if power > 0 else 0.0
         variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
@@ -330,13 +350,9 @@ def _offsets(
         & (np.abs(delta) < 2.5)
         & (spread <= max(4.0 * float(np.median(spread)), 0.05 * abs(contrast)))
     )
-    brightest = np.maximum(inside, outside)
-    clipped = brightest >= full_scale_dn - 0.5
-    if np.count_nonzero(good & ~clipped) >= 0.5 * count:  # a sheet that is all white leaves nothing better
-        good &= ~clipped
     trusted = residual[good[sector]]
     noise = float(np.sqrt(np.mean(trusted**2))) if len(trusted) else 0.0
-    sigma = np.where(usable, max(noise, 1e-6) / np.sqrt(np.where(usable, information, 1.0)), np.inf)
+    sigma = np.where(usable, max(noise, 1e-6) * np.sqrt(inverse), np.inf)
     return delta, sigma, good, variance, contrast, noise
 
 

@@ -175,7 +175,8 @@ def fit_ellipse(
         cost = float(np.sum(w * distance**2))
         scale = np.diag(hessian).copy()
         scale[scale <= 0] = 1.0
-        moved, step = False, np.zeros(5)
+        moved = False
+        step: Array = np.zeros(5)
         while damping < 1e10:
             try:
                 step = -np.linalg.solve(hessian + damping * np.diag(scale), gradient)

@@ -35,7 +35,7 @@ def corner_rays(width: int, height: int, k: tuple[float, ...], distortion: tuple
 
 
 def subpixel_rays(corner: Array, pixels: NDArray[np.bool_], count: int) -> Array:
-    """Normalised coordinates (N, count^2, 2) within the pixels of a mask; within one the lens is bilinear to 1e-7 px."""
+    """Normalised coordinates (N, count^2, 2) within the pixels of a mask; in one the lens is bilinear to 1e-7 px."""
     v, u = np.nonzero(pixels)
     step = (np.arange(count) + 0.5) / count
     x, y = (axis.ravel()[:, None] for axis in np.meshgrid(step, step))

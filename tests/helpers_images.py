@@ -63,7 +63,7 @@ def picture(
     subpixels: int = 32,
 ) -> NDArray[np.uint8]:
     """An 8-bit image of ellipses painted over one another: (ellipse, grey level) from back to front."""
-    image = np.full((height_px, width_px), paper_dn)
+    image = np.full((height_px, width_px), float(paper_dn))
     for ellipse, level in layers:
         cover = coverage(ellipse, width_px, height_px, blur_px, subpixels)
         image += (level - image) * cover

@@ -55,7 +55,11 @@ groups:
       offset_y_px: {uniform: [-50, 50]}
     frames: 5
   marker:
-    marker: {kind: disc_with_chessboard, diameter_m: 0.08, gap_m: 0.02, chessboard: {columns: 5, rows: 4, square_m: 0.02}}
+    marker:
+      kind: disc_with_chessboard
+      diameter_m: 0.08
+      gap_m: 0.02
+      chessboard: {columns: 5, rows: 4, square_m: 0.02}
     pose:
       tilt_deg: {uniform: [15, 45]}
       distance_m: {uniform: [0.45, 0.6]}

@@ -55,7 +55,7 @@ def test_projected_points_lie_on_the_conic_and_its_inside_is_positive(pose: tupl
 def test_ellipse_and_conic_are_inverse(x: float, y: float, a: float, ratio: float, angle: float) -> None:
     ellipse = np.array([x, y, a, a * ratio, angle])
     back = ellipse_of_conic(conic_of_ellipse(ellipse))
-    # The corner term is |centre|^2 of the others and loses as many digits: up to (2e3 / 0.3)^2 * 1e-16, in squared axes.
+    # The corner term is |centre|^2 of the others and loses as many digits: (2e3 / 0.3)^2 * 1e-16, in squared axes.
     np.testing.assert_allclose(back[:4], ellipse[:4], rtol=1e-6, atol=1e-7)
     if ratio < 0.99:
         assert abs((back[4] - angle + 90) % 180 - 90) < 1e-3

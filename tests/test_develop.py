@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers_studies import small_study
 
+from roundel.datasets.images import read_image
 from roundel.render.develop import develop, edge_photometry, exposure_of, gain_dn_per_e, noise_dn
+from roundel.render.run import render_study
 from roundel.scenes.schema import SensorSection
 
 FLAT = np.full((400, 500), 0.5, dtype=np.float32)
@@ -43,10 +46,12 @@ def test_the_same_seed_gives_the_same_noise() -> None:
 
 def test_auto_exposure_puts_the_white_where_it_is_asked() -> None:
     sensor = SensorSection(white_level=0.6, full_well_e=10_000)
-    radiance = np.linspace(0, 1, 10_001, dtype=np.float32)[None]
-    assert exposure_of(radiance, sensor) * 0.99 == pytest.approx(6000, rel=1e-6)
-    assert exposure_of(radiance * 0, sensor) == 0.0
-    assert exposure_of(radiance, SensorSection(exposure_e=123.0)) == 123.0
+    levels = np.linspace(0, 1, 10_001)
+    assert exposure_of(levels, sensor) * 0.99 == pytest.approx(6000, rel=1e-6)
+    assert exposure_of(levels * 0, sensor) == 0.0
+    assert exposure_of(levels, SensorSection(exposure_e=123.0)) == 123.0
+    # A sheet out of view meters nothing.
+    assert exposure_of(levels[:0], sensor) == 0.0
 
 
 def test_edge_photometry_reads_both_sides_of_the_edge() -> None:
@@ -61,3 +66,10 @@ def test_edge_photometry_reads_both_sides_of_the_edge() -> None:
     assert found["edge_noise_dn"] == pytest.approx(rms, rel=1e-5)
     nothing = edge_photometry(radiance, coverage * 0, 10_000.0, sensor)
     assert nothing == {"edge_contrast_dn": None, "edge_noise_dn": None}
+
+
+def test_a_far_sheet_is_not_burnt_out(tmp_path) -> None:
+    far = small_study(tmp_path, ("{uniform: [7, 9]}", "40"))
+    render_study(far, tmp_path / "ds", frames=range(1))
+    image = read_image(tmp_path / "ds" / "images" / "000000.png")
+    assert 190 < image.max() < 230

@@ -18,7 +18,7 @@ def test_a_planted_shift_is_found(tmp_path: Path, planted) -> None:
     row = truth_of(frame)[0]
     ellipse = np.array([row[f"ellipse_{n}"] for n in ("x_px", "y_px", "a_px", "b_px", "angle_deg")])
     dx, dy, grow = planted
-    coverage = ellipse_coverage(ellipse + [dx, dy, grow, grow, 0], 160, 120)
+    coverage = ellipse_coverage(ellipse + np.array([dx, dy, grow, grow, 0]), 160, 120)
     radiance = (0.8 - 0.75 * coverage).astype(np.float32)
     found = measure_circle(frame, 0, radiance, np.zeros_like(radiance))
     assert found is not None

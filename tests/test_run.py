@@ -38,7 +38,8 @@ def rendered(tmp_path_factory) -> Path:
 
 def test_a_dataset_is_complete_and_verifies(rendered: Path) -> None:
     dataset = open_dataset(rendered / "ds")
-    assert len(dataset) == 4 and dataset.truth.num_rows == 4
+    assert len(dataset) == 4
+    assert dataset.truth.num_rows == 4
     assert dataset.verify(full=True) == []
     assert dataset.manifest["counts"] == {"frames": 4, "images": 4, "markers": 4, "groups": {"main": 4}}
     assert dataset.manifest["fidelity"]["circles"] == 4
@@ -52,7 +53,7 @@ def test_what_a_solver_opens_holds_no_truth(rendered: Path) -> None:
     assert images.camera(0).K[0, 0] == 320
     assert images.markers(0) == [{"marker_id": 0, "kind": "disc", "diameter_m": 0.08, "layout": {}}]
     text = (rendered / "ds" / files.CAMERAS).read_text()
-    assert "normal" not in text and "tilt" not in text and "distance" not in text
+    assert not [word for word in ("normal", "tilt", "distance") if word in text]
 
 
 def test_one_thread_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
@@ -65,7 +66,7 @@ def test_another_order_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> N
     assert render_study(study, tmp_path / "ds", frames=range(2, 4)) is None
     with pytest.raises(DataError, match="not finished"):
         open_images(tmp_path / "ds")
-    assert render_study(study, tmp_path / "ds", frames=range(0, 2)) is not None
+    assert render_study(study, tmp_path / "ds", frames=range(2)) is not None
     assert digests(tmp_path / "ds") == digests(rendered / "ds")
 
 
@@ -156,7 +157,10 @@ def test_a_full_disk_is_one_line_and_keeps_what_is_finished(tmp_path: Path) -> N
 
 def test_points_mode_needs_no_renderer(tmp_path: Path) -> None:
     study = small_study(tmp_path, ("frames: 4", "frames: 4\nmode: points\npoints: {sigma_px: 0.5}"))
-    script = "import sys; sys.modules['mitsuba'] = None; from roundel.render.run import render_study; render_study(*sys.argv[1:])"
+    script = (
+        "import sys; sys.modules['mitsuba'] = None;"
+        "from roundel.render.run import render_study; render_study(*sys.argv[1:])"
+    )
     subprocess.run([sys.executable, "-c", script, str(study.path), str(tmp_path / "ds")], check=True, timeout=300)
     dataset = open_dataset(tmp_path / "ds")
     points = dataset.images.points(0)[0]

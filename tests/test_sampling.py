@@ -50,7 +50,8 @@ def test_grids_are_walked_and_ranges_are_filled(study) -> None:
     assert kstest(tilt, "uniform").statistic < 0.02
     assert kstest(distance, "uniform").statistic < 0.02
     azimuth = np.array([p.azimuth_deg for p in poses])
-    assert abs(azimuth.mean()) < 1 and abs(azimuth.std() - 20) < 1
+    assert abs(azimuth.mean()) < 1
+    assert abs(azimuth.std() - 20) < 1
     focal = [f.camera.K[0, 0] for f in frames_of(study)]
     assert abs(focal.count(600.0) - 300) < 10
 
@@ -64,6 +65,7 @@ def test_spreads_know_their_bounds() -> None:
     assert parse_value({"normal": [10, 1]}).bounds() == (6.0, 14.0)
     spread = Spread("normal", (10.0, 1.0))
     draws = [spread.draw(u) for u in np.linspace(0, 1 - 1e-12, 1001)]
-    assert min(draws) >= 6.0 and max(draws) <= 14.0
+    assert min(draws) >= 6.0
+    assert max(draws) <= 14.0
     assert spread.draw(0.5) == pytest.approx(10.0, abs=1e-12)
     assert Spread("choice", (1.0, 2.0)).draw(0.999999) == 2.0

@@ -57,7 +57,8 @@ def test_a_board_beside_a_disc_has_a_row_of_its_own(tmp_path: Path) -> None:
     edits = (
         (
             "kind: disc, diameter_m: 0.08",
-            "kind: disc_with_chessboard, diameter_m: 0.02, gap_m: 0.01, chessboard: {columns: 4, rows: 3, square_m: 0.01}",
+            "kind: disc_with_chessboard, diameter_m: 0.02, gap_m: 0.01, "
+            "chessboard: {columns: 4, rows: 3, square_m: 0.01}",
         ),
         ("distance_D: {uniform: [7, 9]}", "distance_m: 0.4"),
     )
@@ -67,7 +68,8 @@ def test_a_board_beside_a_disc_has_a_row_of_its_own(tmp_path: Path) -> None:
     # Disc radius + gap + half of five squares, along the marker's X.
     along = np.array([disc[f"camera_from_marker_{i}0"] for i in range(3)])
     np.testing.assert_allclose(vector(board, "centre", "_m") - vector(disc, "centre", "_m"), 0.045 * along, atol=1e-14)
-    assert board["ellipse_x_px"] is None and board["radius_m"] is None
+    assert board["ellipse_x_px"] is None
+    assert board["radius_m"] is None
     assert truth_table([disc, board]).num_rows == 2
 
 

@@ -1,7 +1,7 @@
 """Figures as SVG: the paper's figure from a table of scores.
 
-Every figure is inlined into the report and coloured by it: text, grid and curves carry CSS variables, so that one figure
-serves light and dark. Text stays text, in the reader's own font. The bytes depend on the scores alone.
+Every figure is inlined into the report and coloured by it: text, grid and curves carry CSS variables, so that one
+figure serves light and dark. Text stays text, in the reader's own font. The bytes depend on the scores alone.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.summary import column, grid_of, intrinsics_rank, number
+from roundel.validate.summary import column, grid_of, intrinsics_rank, is_right
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +33,10 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 # Twice the standard error: 95 % of a mean's error where a cell has enough frames for a normal law.
 _BAND = 1.96
 _MIN_FOR_BAND = 5
+
+
+# Three panels fill the report's column.
+_PX_PER_PT = 1.6
 
 
 @dataclass(frozen=True)
@@ -76,8 +80,10 @@ def pictures(table: pa.Table) -> list[Picture]:
         if grid is not None and len(grid[0]) > 1:
             caption = (
                 f"{about}: mean error of the better candidate over distance, a panel a tilt, a curve a kind of "
-                f"intrinsics. Bands: 95 % of the mean, in cells of {_MIN_FOR_BAND} frames or more."
+                "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."
             )
+            if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(set(part["intrinsics"].to_pylist())):
+                caption += " Bands: 95 % interval of the mean."
             found.append(Picture(name, caption, _drawn(name, about, part, grid)))
         else:
             caption = (
@@ -93,7 +99,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    settings = {
+    settings: Any = {
         "svg.hashsalt": name,
         "svg.fonttype": "none",
         "font.size": 9,
@@ -107,8 +113,11 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
         "axes.axisbelow": True,
         "grid.color": GRID,
         "grid.linewidth": 0.5,
-        "xtick.color": INK,
-        "ytick.color": INK,
+        "xtick.color": GRID,
+        "ytick.color": GRID,
+        "xtick.labelcolor": INK,
+        "ytick.labelcolor": INK,
+        "xtick.minor.visible": False,
         "text.color": INK,
         "legend.frameon": False,
     }
@@ -128,39 +137,48 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
                 else:
                     _curves(at, table, row, labels, grid[0], float(grid[1][p]))
                 if r == 0 and grid is not None and panels > 1:
-                    at.set_title(f"tilt {number(float(grid[1][p]))} deg")
+                    at.set_title(f"tilt {grid[1][p]:g}\N{DEGREE SIGN}")
                 if p == 0:
                     at.set_ylabel(row.label)
                 if panels == 1 or r == len(ROWS) - 1:
                     at.set_xlabel("distance [D]")
-            _scale(axes[0, r] if panels == 1 else axes[r, 0], column(table, row.column))
-        handles, names = axes[0, 0].get_legend_handles_labels()
+            _scale(axes[0, r] if panels == 1 else axes[r, 0])
+        figure.align_ylabels()
+        by_name = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
+        names = [label for label in labels if label in by_name]
+        handles = [by_name[label] for label in names]
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5))
         sink = io.StringIO()
         figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     return inlined(sink.getvalue(), name, title)
 
 
-def _scale(axes: Axes, values: Array) -> None:
-    """A logarithmic axis where the errors span more than a linear one can show."""
-    known = values[np.isfinite(values) & (values > 0)]
-    if len(known) and np.percentile(known, 95) > 20 * np.percentile(known, 5):
+def _scale(axes: Axes) -> None:
+    """A logarithmic axis where curves differ by more than a linear one can show."""
+    middles = [float(np.median(known)) for line in axes.lines if len(known := _positive(line.get_ydata()))]
+    if middles and max(middles) > 20 * min(middles):
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0)
+
+
+def _positive(values: Any) -> Array:
+    known = np.asarray(values, dtype=np.float64)
+    return known[np.isfinite(known) & (known > 0)]
 
 
 def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances: Array, tilt: float) -> None:
     intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
     values = column(table, row.column)
-    for i, label in enumerate(labels):
+    # The camera's own focal length is drawn last, on top of the others.
+    for i, label in sorted(enumerate(labels), key=lambda pair: is_right(pair[1])):
         cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
         mean = np.array([cell.mean() if len(cell) else np.nan for cell in cells])
         enough = np.array([len(cell) >= _MIN_FOR_BAND for cell in cells])
         half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
         low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
-        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=_colour(i), alpha=0.18, lw=0)
+        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=_colour(i), alpha=0.13, lw=0)
         axes.plot(distances, mean, color=_colour(i), marker=_marker(i), ms=3.5, lw=1.4, label=label)
 
 
@@ -172,7 +190,8 @@ def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
         x, y = distance[rows], values[rows]
         # 500 dots say all that dots can say; more would only make the file large.
         step = max(1, len(x) // 500)
-        axes.plot(x[::step], y[::step], ls="none", marker=_marker(i), ms=2.5, mew=0, color=_colour(i), alpha=0.45)
+        size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
+        axes.plot(x[::step], y[::step], ls="none", marker=_marker(i), ms=size, mew=0, color=_colour(i), alpha=alpha)
         bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
         line = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
         # Even without a line the legend needs its entry.
@@ -188,9 +207,10 @@ def _marker(i: int) -> str:
 
 
 def inlined(svg: str, name: str, title: str) -> str:
-    """An SVG file of matplotlib's as an element for HTML: coloured by CSS, ids of its own, a title for screen readers."""
+    """An SVG file of matplotlib's as an element for HTML: coloured by CSS, own ids, a label for screen readers."""
     svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"\s*\n\s*", "\n", svg)
     svg = re.sub(r' xmlns:xlink="[^"]*"', "", svg).replace("xlink:href", "href")
     # Figures on one page must not share ids.
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
@@ -200,8 +220,12 @@ def inlined(svg: str, name: str, title: str) -> str:
     colours |= {colour: f"var(--curve-{i})" for i, colour in enumerate(CURVES)}
     for colour, variable in colours.items():
         svg = svg.replace(colour, variable)
-    # Sized by the page: the view box keeps the shape.
-    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    # A hundredth of a point is below any pixel, and half the file.
+    svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
+    # As wide as the page allows, up to where the letters of all figures are alike; the view box keeps the shape.
+    width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', svg)
+    widest = f"{_PX_PER_PT * float(width[1]):.0f}px" if width else "100%"
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', rf'\1 style="max-width: {widest}"', svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
     text = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     return svg.replace("<svg", f'<svg class="figure" role="img" aria-label="{text}"', 1).strip()

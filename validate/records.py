@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera import Camera
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.solver.estimates import ESTIMATES, SCHEMA
 
 Array = NDArray[np.float64]
-
-FILE = "estimates.parquet"
 
 KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
 NORMAL = ("normal_x", "normal_y", "normal_z")
@@ -26,20 +25,9 @@ CENTRE = ("centre_x_m", "centre_y_m", "centre_z_m")
 ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
 INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
 
-# What the validator reads, and as what. The solver writes more (edge residuals, covariance).
-_COLUMNS: dict[str, pa.DataType] = {
-    "frame_id": pa.int64(),
-    "detection_id": pa.int64(),
-    "method": pa.string(),
-    "intrinsics": pa.string(),
-    "candidate": pa.int64(),
-    "chosen": pa.bool_(),
-    "probability": pa.float64(),
-    **dict.fromkeys((*NORMAL, *CENTRE, *ELLIPSE, *INTRINSICS), pa.float64()),
-    "distortion": pa.list_(pa.float64()),
-    "status": pa.string(),
-    "reason": pa.string(),
-}
+# What the validator reads. Other people's solvers may leave out the rest: edge residuals, covariance.
+_READ = (*KEY, "chosen", *NORMAL, *CENTRE, *ELLIPSE, *INTRINSICS, "distortion", "status", "reason")
+_SCHEMA = pa.schema([(name, SCHEMA.field(name).type) for name in _READ])
 
 
 @dataclass(frozen=True)
@@ -73,11 +61,11 @@ def find_estimates(path: str | Path) -> Path:
         If there is none.
     """
     path = Path(path)
-    for file in (path, path / FILE, path / "estimates" / FILE):
+    for file in (path, path / ESTIMATES, path / "estimates" / ESTIMATES):
         if file.is_file():
             return file
     raise UsageError(
-        f"{path}: no estimates there; give an {FILE}, or a folder that holds one (`roundel solve` writes it)"
+        f"{path}: no estimates there; give an {ESTIMATES}, or a folder that holds one (`roundel solve` writes it)"
     )
 
 
@@ -96,11 +84,11 @@ def read_estimates(path: str | Path) -> pa.Table:
         table = pq.read_table(file)
     except (OSError, pa.ArrowException) as error:
         raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
-    missing = [name for name in _COLUMNS if name not in table.column_names]
+    missing = [name for name in _READ if name not in table.column_names]
     if missing:
         raise DataError(f"{file}: has no column {', '.join(missing)}; docs/dataset-format.md lists them all")
     try:
-        return table.select(list(_COLUMNS)).cast(pa.schema(list(_COLUMNS.items())))
+        return table.select(list(_READ)).cast(_SCHEMA)
     except (pa.ArrowException, ValueError) as error:
         raise DataError(f"{file}: a column has the wrong type: {str(error).splitlines()[0]}") from error
 

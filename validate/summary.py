@@ -109,7 +109,11 @@ def levels(values: Array) -> Array | None:
 
 def grid_of(table: pa.Table, rows: NDArray[np.bool_]) -> tuple[Array, Array] | None:
     """(distances in D, tilts in degrees) where these rows stand on a grid."""
-    distance, tilt = levels(column(table, "distance_D")[rows]), levels(column(table, "tilt_deg")[rows])
+    # Each circle once: several intrinsics of one draw are no grid.
+    _, first = np.unique(
+        np.stack([column(table, n)[rows] for n in ("frame_id", "marker_id")]), axis=1, return_index=True
+    )
+    distance, tilt = (levels(column(table, name)[rows][first]) for name in ("distance_D", "tilt_deg"))
     return None if distance is None or tilt is None else (distance, tilt)
 
 
@@ -199,12 +203,10 @@ def summarise(
 
 def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
     """Detections of nothing; they belong to the image, so they stand beside the truth alone."""
-    if key[2] != "truth":
-        return {}
     for false in scores.false_detections:
-        if (false.method, false.intrinsics) == key[:2]:
+        if (false.method, false.intrinsics, "truth") == key:
             return {"detections": false.detections, "false_detections": false.count}
-    return {}
+    return {"detections": None, "false_detections": None}
 
 
 def _kind_of_reason(reason: str) -> str:
@@ -241,11 +243,11 @@ def number(value: float | None, digits: int = 3) -> str:
     if value == 0:
         return "0"
     places = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
-    return f"{value:,.{min(places, 6)}f}"
+    return f"{value:,.{places}f}" if abs(value) >= 1e-4 else f"{value:.1e}"
 
 
-_HEAD = ("method", "intrinsics", "reference", "solved", "normal deg", "position %", "position D", "reproj px", "false")
-_SHOWN = ("normal_error_deg", "position_error_pct", "position_error_D", "reprojection_error_px")
+_HEAD = ("method", "intrinsics", "reference", "solved", "normal deg", "position %", "reproj px", "false")
+_SHOWN = ("normal_error_deg", "position_error_pct", "reprojection_error_px")
 
 
 def terminal_table(summary: dict[str, Any]) -> str:
@@ -253,7 +255,7 @@ def terminal_table(summary: dict[str, Any]) -> str:
     lines = [_HEAD]
     for run in summary["runs"]:
         pairs = [f"{number(s['median'])} / {number(s['p95'])}" for s in (run["oracle"][name] for name in _SHOWN)]
-        solved, false = f"{run['solved']}/{run['n']}", run.get("false_detections")
+        solved, false = f"{run['solved']}/{run['n']}", run["false_detections"]
         ends = (solved, *pairs, "" if false is None else str(false))
         lines.append((run["method"], run["intrinsics"], run["reference"], *ends))
     widths = [max(len(line[i]) for line in lines) for i in range(len(_HEAD))]
@@ -262,6 +264,8 @@ def terminal_table(summary: dict[str, Any]) -> str:
         cells = (c.ljust(w) if i < 3 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
         return "  ".join(cells).rstrip()
 
-    extent = number(summary["settings"]["reprojection_extent_D"])
-    note = f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent} D"
+    extent = summary["settings"]["reprojection_extent_D"]
+    note = (
+        f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent:g} D"
+    )
     return "\n".join([*map(aligned, lines), note])

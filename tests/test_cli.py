@@ -1,0 +1,184 @@
+"""The command: exit codes, one line for what is wrong, never a traceback; and the whole way for real."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from helpers_studies import SMALL
+
+from roundel.cli.main import main
+
+RUN = SMALL.replace("frames: 4", 'frames: 4\nsolve: {methods: [ml, direct], intrinsics: ["true", default]}')
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """A small study, run to its report."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "study.yaml").write_text(RUN)
+    assert main(["run", str(folder / "study.yaml"), str(folder / "out")]) == 0
+    return folder
+
+
+def call(capsys, *arguments: object) -> tuple[int, str, str]:
+    """Exit code, stdout, stderr of the command."""
+    try:
+        code = main([str(a) for a in arguments])
+    except SystemExit as stop:  # argparse's own
+        code = int(stop.code or 0)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def refused(capsys, code: int, words: str, *arguments: object) -> None:
+    """The command ends with `code` and one line that has `words`."""
+    got, _, err = call(capsys, *arguments)
+    last = err.strip().splitlines()[-1]
+    assert got == code, err
+    assert words in last
+    assert "Traceback" not in err
+
+
+def test_a_run_ends_with_a_report(finished: Path, capsys) -> None:
+    out = finished / "out"
+    assert {p.name for p in out.iterdir()} == {"dataset", "estimates", "report"}
+    scores = pq.read_table(out / "report" / "scores.parquet")
+    assert scores.num_rows == 4 * 2 * 2
+    rows = [r for r in scores.to_pylist() if r["intrinsics"] == "true" and r["method"] == "ml"]
+    assert all(r["solved"] for r in rows)
+    # 40 px across, 8 bit with noise: tenths of a degree; a swapped axis or a lost half pixel would be degrees.
+    assert max(r["oracle_normal_error_deg"] for r in rows) < 2.0
+    assert max(r["oracle_position_error_pct"] for r in rows) < 1.0
+    assert all(r["normal_error_deg"] is None and r["branch_correct"] is None for r in rows)
+    summary = json.loads((out / "report" / "summary.json").read_text())
+    assert summary
+    report = (out / "report" / "report.html").read_text()
+    assert "http://" not in report.replace("http://www.w3.org", "")
+    assert "<script" not in report
+
+
+def test_the_steps_one_by_one_give_the_same_records(finished: Path, tmp_path: Path, capsys) -> None:
+    dataset, estimates, report = (finished / "out" / name for name in ("dataset", "estimates", "report"))
+    assert call(capsys, "solve", dataset, tmp_path / "est")[0] == 0
+    assert call(capsys, "validate", dataset, tmp_path / "est", "--out", tmp_path / "rep")[0] == 0
+    one, other = estimates / "estimates.parquet", tmp_path / "est" / "estimates.parquet"
+    assert one.read_bytes() == other.read_bytes()
+    assert (report / "scores.parquet").read_bytes() == (tmp_path / "rep" / "scores.parquet").read_bytes()
+    assert (report / "report.html").read_bytes() == (tmp_path / "rep" / "report.html").read_bytes()
+
+
+def test_the_solver_needs_no_truth(finished: Path, tmp_path: Path, capsys) -> None:
+    blind = tmp_path / "blind"
+    shutil.copytree(finished / "out" / "dataset", blind)
+    for name in ("truth.parquet", "truth.csv", "study.yaml", "journal.jsonl"):
+        (blind / name).unlink()
+    shutil.rmtree(blind / "radiance")
+    assert call(capsys, "solve", blind, tmp_path / "est")[0] == 0
+    one, other = (p / "estimates.parquet" for p in (finished / "out" / "estimates", tmp_path / "est"))
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_verify_and_check_say_what_they_found(finished: Path, capsys) -> None:
+    code, out, _ = call(capsys, "verify", finished / "out" / "dataset", "--full")
+    assert code == 0
+    assert "every checksum agrees" in out
+    assert "fidelity over 4 circles" in out
+    code, out, _ = call(capsys, "check", finished / "study.yaml")
+    assert code == 0
+    assert "group main: 4 frames" in out
+    assert json.loads(call(capsys, "check", "--schema")[1])["title"] == "Roundel study"
+
+
+def test_doctor_is_well_here(capsys) -> None:
+    code, out, _ = call(capsys, "doctor")
+    assert code == 0
+    assert "mitsuba" in out
+    assert "all well" in out
+
+
+def test_wrong_arguments_are_usage_errors(finished: Path, tmp_path: Path, capsys) -> None:
+    study, dataset = finished / "study.yaml", finished / "out" / "dataset"
+    refused(capsys, 2, "cannot read the study", "check", tmp_path / "none.yaml")
+    refused(capsys, 2, "name a STUDY", "check")
+    refused(capsys, 2, "frames are A:B", "render", study, tmp_path / "x", "--frames", "a:b")
+    refused(capsys, 2, "no frames in this range", "render", study, tmp_path / "x", "--frames", "3:3")
+    refused(capsys, 2, "whole number", "render", study, tmp_path / "x", "--jobs", "0")
+    refused(capsys, 2, "ml", "solve", dataset, tmp_path / "e", "--method", "mll")
+    refused(capsys, 2, "scaled", "solve", dataset, tmp_path / "e", "--intrinsics", "scaled:-1")
+    refused(capsys, 2, "default", "solve", dataset, tmp_path / "e", "--intrinsics", "defualt")
+    refused(capsys, 2, "the dataset has main", "solve", dataset, tmp_path / "e", "--group", "mian")
+    assert call(capsys)[0] == 2
+
+
+def test_a_study_with_an_unknown_method_is_refused_before_rendering(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text(RUN.replace("[ml, direct]", "[mll]"))
+    refused(capsys, 2, f"{path}:12:1: solve: ", "run", path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_no_dataset_is_said(finished: Path, tmp_path: Path, capsys) -> None:
+    (tmp_path / "empty").mkdir()
+    for verb in ("solve", "validate", "verify", "calibrate"):
+        for folder in (tmp_path / "none", tmp_path / "empty"):
+            extra = {"solve": [tmp_path / "e"], "validate": [tmp_path / "e", "--out", tmp_path / "r"]}
+            more = extra.get(verb, [tmp_path / "camera.json"] if verb == "calibrate" else [])
+            refused(capsys, 4, str(folder), verb, folder, *more)
+
+
+def test_damage_is_said_with_exit_code_4(finished: Path, tmp_path: Path, capsys) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(finished / "out" / "dataset", copy)
+    image = copy / "images" / "000002.png"
+    image.write_bytes(image.read_bytes()[:1000])
+    refused(capsys, 4, "1 of its files are wrong", "verify", copy)
+    refused(capsys, 4, "000002.png", "solve", copy, tmp_path / "e")
+    (copy / "manifest.json").unlink()
+    refused(capsys, 4, "not finished", "solve", copy, tmp_path / "e")
+    refused(capsys, 4, "manifest is missing", "verify", copy)
+
+
+def test_estimates_that_are_none(finished: Path, tmp_path: Path, capsys) -> None:
+    dataset = finished / "out" / "dataset"
+    got, _, err = call(capsys, "validate", dataset, tmp_path / "none", "--out", tmp_path / "r")
+    assert got in (2, 4)
+    assert "Traceback" not in err
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 nonsense")
+    got, _, err = call(capsys, "validate", dataset, tmp_path / "bad.parquet", "--out", tmp_path / "r")
+    assert got in (2, 3, 4)
+    assert "bad.parquet" in err
+    assert "Traceback" not in err
+
+
+def test_an_interrupted_render_ends_with_130_and_goes_on_later(tmp_path: Path) -> None:
+    (tmp_path / "study.yaml").write_text(SMALL)
+    command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), str(tmp_path / "ds")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    journal = tmp_path / "ds" / "journal.jsonl"
+    while time.monotonic() < deadline and not journal.exists() and process.poll() is None:
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert err.strip().splitlines()[-1] == "roundel: interrupted; what is finished is kept"
+    assert "Traceback" not in err
+    assert subprocess.run(command, check=False, capture_output=True).returncode == 0
+
+
+def test_a_bug_is_one_line_too(monkeypatch, capsys) -> None:
+    from roundel.cli import verbs
+
+    def broken(arguments: object) -> int:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(verbs, "do_doctor", broken)
+    monkeypatch.delenv("ROUNDEL_DEBUG", raising=False)
+    refused(capsys, 4, "internal error: ZeroDivisionError: a bug", "doctor")

@@ -1,0 +1,128 @@
+"""`roundel validate`: estimates against the truth, to scores.parquet, summary.json and report.html.
+
+The same dataset and estimates give the same bytes, whenever and wherever they are scored: no file holds a time or a
+path.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.files import sha256, write_file
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
+from roundel.validate.camera_errors import calibration_summary
+from roundel.validate.figures import pictures
+from roundel.validate.overlays import worst
+from roundel.validate.records import find_estimates, read_runs
+from roundel.validate.reference import reference_of
+from roundel.validate.report import render_report
+from roundel.validate.scores import Scores, score, sorted_scores
+from roundel.validate.summary import summarise
+from roundel.validate.targets import true_targets
+
+SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
+
+
+def validate_dataset(
+    dataset_path: str | Path,
+    estimates_paths: Sequence[str | Path],
+    out_path: str | Path,
+    extent_D: float = 3.0,
+    camera_path: str | Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Score estimates and write the report.
+
+    Parameters
+    ----------
+    dataset_path : path
+    estimates_paths : sequence of path
+        Files, or folders that hold an `estimates.parquet`.
+    out_path : path
+        The report's folder; its three files are written whole or not at all.
+    extent_D : float
+        Half the side of the reprojection error's grid, in marker diameters.
+    camera_path : path, optional
+        A camera file for the chessboard's pose; each frame's true camera without one.
+    progress : callable, optional
+        Called with (chessboards looked at, chessboards in all).
+
+    Returns
+    -------
+    dict
+        What summary.json holds.
+
+    Raises
+    ------
+    UsageError
+        If a file does not exist, or `extent_D` is no positive number.
+    DataError
+        If the dataset or an estimate is corrupt.
+    NotComparableError
+        If the estimates are of other frames, or there is nothing to score.
+    """
+    if not 0 < extent_D < float("inf"):
+        raise UsageError(f"the extent of the reprojection grid must be a positive number of diameters, not {extent_D}")
+    out = Path(out_path)
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; name a folder for the report")
+    dataset = open_dataset(dataset_path)
+    files = [find_estimates(path) for path in estimates_paths]
+    runs = read_runs(files, dataset)
+    camera = None if camera_path is None else read_camera(camera_path)
+    label = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
+    targets = true_targets(dataset, extent_D)
+    views = look_for_boards(dataset.images, progress=progress)
+    reference = reference_of(dataset, views, targets, camera, label) if views else None
+    scores = score(dataset, targets, runs, reference.circles if reference else None)
+    if reference and reference.rows.num_rows:
+        table = sorted_scores(pa.concat_tables([scores.table, reference.rows]))
+        scores = Scores(table, scores.false_detections, scores.matched)
+    settings = {
+        "reprojection_extent_D": float(extent_D),
+        "reference_intrinsics": label if views else None,
+        "solve": dataset.study.get("solve"),
+    }
+    summary = summarise(dataset, scores, settings, _calibration(dataset, views))
+    sink = io.BytesIO()
+    pq.write_table(scores.table, sink, compression="zstd")
+    summary["checksums"] = {
+        SCORES: sha256(sink.getvalue()),
+        **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
+        **{name: record["sha256"] for name, record in dataset.manifest["files"].items() if "/" not in name},
+    }
+    html = render_report(summary, pictures(scores.table), worst(dataset, scores))
+    write_file(out / SCORES, sink.getvalue())
+    write_file(out / SUMMARY, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
+    write_file(out / REPORT, html.encode())
+    return summary
+
+
+def _digest(file: Path) -> str:
+    try:
+        return sha256(file.read_bytes())
+    except OSError as error:
+        raise DataError(f"{file}: cannot be read: {error.strerror}") from error
+
+
+def _calibration(dataset: Dataset, views: list[BoardView]) -> dict[str, Any] | None:
+    """The calibration that these views give, beside the truth; None where the study has no views for one."""
+    solve = dataset.study.get("solve") or {}
+    asked = solve.get("calibrate_from")
+    group = calibration_group(dataset.images, asked) if views else None
+    mine = [view for view in views if view.group == group]
+    if not mine:
+        return None
+    try:
+        return calibration_summary(dataset, mine, calibrate_views(mine))
+    except NotComparableError as error:
+        return {"group": group, "views": len(mine), "reason": str(error)}
