@@ -84,6 +84,9 @@ def sheet_of(section: Marker) -> Sheet:
     parts: list[Part] = []
 
     def board(layout: dict[str, Any], marker_id: int, x: float, y: float) -> None:
+        if section.inverted:
+            # Only the colour of its first square tells which way up a board is.
+            raise ValueError("marker.inverted: a chessboard is dark on light; invert discs and rings only")
         shapes.append(Checker(x, y, layout["square_m"], layout["columns"], layout["rows"], ink))
         parts.append(Part(marker_id, "chessboard", x, y, None, layout))
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
+from roundel.scenes.camera import Camera, undistort_px
+
 Array = NDArray[np.float64]
 
 
@@ -70,3 +72,18 @@ def picture(
     if noise_dn > 0:
         image += np.random.default_rng(seed).normal(0.0, noise_dn, image.shape)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def coverage_through_lens(ellipse: ArrayLike, camera: Camera, subpixels: int = 16) -> Array:
+    """Fraction (H, W) of each pixel inside an ellipse of undistorted pixel coordinates, seen through the distortion."""
+    e = np.asarray(ellipse, dtype=np.float64)
+    grid = np.stack(np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px)), axis=-1).astype(np.float64)
+    straight = undistort_px(camera, grid)
+    radius = np.sqrt(_inside(e, straight[..., 0], straight[..., 1]))
+    cut = np.abs(radius - 1.0) <= 1.5 / e[3]  # as above, with room for the lens's own scale
+    out = np.where(cut, 0.0, (radius < 1.0).astype(np.float64))
+    offsets = (np.arange(subpixels) + 0.5) / subpixels - 0.5
+    steps = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
+    fine = undistort_px(camera, grid[cut][:, None] + steps)
+    out[cut] = np.mean(_inside(e, fine[..., 0], fine[..., 1]) < 1.0, axis=1)
+    return out

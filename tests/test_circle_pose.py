@@ -38,10 +38,10 @@ def ellipse_of_pose(normal, centre, radius, k):
 
 
 def random_scene(generator, tilt_deg=None, off_axis_deg=60.0, size_px=None):
-    fx = generator.uniform(300, 3000)
-    fy, skew = fx * generator.uniform(0.6, 1.6), generator.uniform(-50, 50)
-    k = np.array([[fx, skew, generator.uniform(0, 2000)], [0, fy, generator.uniform(0, 1500)], [0, 0, 1.0]])
-    while True:
+    for _ in range(10_000):
+        fx = generator.uniform(300, 3000)
+        fy, skew = fx * generator.uniform(0.6, 1.6), generator.uniform(-50, 50)
+        k = np.array([[fx, skew, generator.uniform(0, 2000)], [0, fy, generator.uniform(0, 1500)], [0, 0, 1.0]])
         tilt = generator.uniform(0, 85) if tilt_deg is None else tilt_deg
         normal = normal_of(tilt, generator.uniform(-180, 180))
         off, azimuth = np.radians(generator.uniform(0, off_axis_deg)), generator.uniform(0, 2 * np.pi)
@@ -52,6 +52,7 @@ def random_scene(generator, tilt_deg=None, off_axis_deg=60.0, size_px=None):
         facing = -normal @ ray > 0.02  # the printed face is seen, not its edge
         if facing and centre[2] > 1.05 * radius * np.hypot(normal[0], normal[1]):
             return normal, centre, radius, k
+    raise AssertionError("no such scene")
 
 
 def truth_among(poses: CirclePoses, normal, centre):
@@ -72,15 +73,19 @@ def reprojected(poses: CirclePoses, radius, k):
 def test_random_scenes_conic():
     generator = np.random.default_rng(1)
     for _ in range(1000):
-        normal, centre, radius, k = random_scene(generator, off_axis_deg=40.0)
+        size_px = 10 ** generator.uniform(1, 2.5)
+        normal, centre, radius, k = random_scene(generator, off_axis_deg=40.0, size_px=size_px)
         conic = conic_of_circle(camera_from_marker_of(normal, centre), radius, k)
         poses = poses_from_conic(conic * generator.uniform(-1e3, 1e3), k, radius)
         # Unit Frobenius norm on both sides: 1e-9 is the promised relative accuracy.
         assert np.abs(reprojected(poses, radius, k) - conic).max() < 1e-9
-        angle, distance, _ = truth_among(poses, normal, centre)
-        # The conic in float64 holds an ellipse of 1 px at 1,000 px to 1e-16 * 1e6; a tilt near zero takes a root of it.
-        assert angle < 1e-6
-        assert distance < 1e-8
+        # The conic itself holds a semi-axis b at d px from the origin to some 1e-16 (d / b)^2; a circle seen nearly along
+        # its axis takes the root of that.
+        _, distance, i = truth_among(poses, normal, centre)
+        lost = 1e-14 * (np.linalg.norm(k[:2, 2]) + k[0, 0]) ** 2 / ellipse_of_conic(conic)[3] ** 2
+        between = np.radians(angle_deg(poses.normal[i], poses.normal[1 - i]))
+        assert np.radians(angle_deg(poses.normal[i], normal)) < 1e-9 + lost / max(between, np.sqrt(lost))
+        assert distance < 1e-9 + lost
 
 
 @pytest.mark.parametrize("size_px", [1e-5, 1e-2, 1.0, 50.0, 1000.0])

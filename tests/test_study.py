@@ -94,6 +94,11 @@ IMPOSSIBLE = [
     ("focal_px: 640", "focal_mm: 50, pixel_pitch_um: 5, focus_m: 0.05", "inside the focal length"),
     ("kind: disc, diameter_m: 0.08", "kind: chessboard, columns: 5, rows: 4, square_m: 0.01", "give distance_m"),
     ("kind: disc", "kind: ring, inner_diameter_m: 0.09", "must be smaller than diameter_m"),
+    (
+        "kind: disc",
+        "kind: disc_with_chessboard, inverted: true, gap_m: 0.01, chessboard: {columns: 5, rows: 4, square_m: 0.01}",
+        "a chessboard is dark on light",
+    ),
 ]
 
 
