@@ -79,8 +79,8 @@ def test_random_scenes_conic():
         poses = poses_from_conic(conic * generator.uniform(-1e3, 1e3), k, radius)
         # Unit Frobenius norm on both sides: 1e-9 is the promised relative accuracy.
         assert np.abs(reprojected(poses, radius, k) - conic).max() < 1e-9
-        # The conic itself holds a semi-axis b at d px from the origin to some 1e-16 (d / b)^2; a circle seen nearly along
-        # its axis takes the root of that.
+        # The conic itself holds a semi-axis b at d px from the origin to some 1e-16 (d / b)^2; a circle seen nearly
+        # along its axis takes the root of that.
         _, distance, i = truth_among(poses, normal, centre)
         lost = 1e-14 * (np.linalg.norm(k[:2, 2]) + k[0, 0]) ** 2 / ellipse_of_conic(conic)[3] ** 2
         between = np.radians(angle_deg(poses.normal[i], poses.normal[1 - i]))

@@ -120,7 +120,7 @@ def test_wrong_arguments_are_usage_errors(finished: Path, tmp_path: Path, capsys
 def test_a_study_with_an_unknown_method_is_refused_before_rendering(tmp_path: Path, capsys) -> None:
     path = tmp_path / "study.yaml"
     path.write_text(RUN.replace("[ml, direct]", "[mll]"))
-    refused(capsys, 2, f"{path}:12:1: solve: ", "run", path, tmp_path / "out")
+    refused(capsys, 2, f"{path}:14:1: solve: ", "run", path, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

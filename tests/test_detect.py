@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers_images import picture
 
-from roundel.solver.detect import detect, noise_dn
+from roundel.solver.candidates import noise_dn
+from roundel.solver.detect import detect
 
 WIDTH, HEIGHT = 400, 300
 

@@ -16,9 +16,9 @@ from roundel.solver.ellipse import (
     direct_ellipse,
     ellipse_of_shape,
     fit_ellipse,
-    foot_points,
     shape_of_ellipse,
 )
+from roundel.solver.foot_points import foot_points
 
 ELLIPSE = np.array([640.3, 359.2, 43.0, 37.0, 20.0])
 
