@@ -10,21 +10,18 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.conic import ellipse_perimeter_px
+from roundel.solver.candidates import edge_drawing, from_segments, grey_8bit, noise_dn, plausible, rms_distance
 from roundel.solver.edges import EdgePoints, edge_points
-from roundel.solver.ellipse import FailedFit, direct_ellipse, foot_points
+from roundel.solver.ellipse import FailedFit
 
 Array = NDArray[np.float64]
 
-_MIN_SEMI_AXIS_PX = 2.0  # of the minor axis; below it there is no inside to see
-_MIN_ASPECT = 0.08  # b / a; a circle at 85 degrees of tilt
-_MIN_SEGMENT_POINTS = 12
 _MIN_COVERAGE = 0.5  # of the contour that must show an edge: a marker may be partly hidden
-_MIN_CONTRAST_DN = 2.5  # of 255
+_MIN_CONTRAST_DN = 2.5  # smooth light has contours of one step where it is rounded
 _MAX_REFINED = 32  # the candidates with the best evidence; refining one takes about 20 ms
 
 
@@ -47,34 +44,6 @@ class Detection:
     edgedrawing: Array | None = None
 
 
-def noise_dn(image: NDArray[Any]) -> float:
-    """Standard deviation of the pixels' noise, from second differences that cancel every smooth surface.
-
-    Source: J. Immerkaer, Fast noise variance estimation, CVIU 64 (1996); with the median, so that edges do not count.
-    """
-    if min(image.shape) < 3:
-        return 0.0
-    strips = image[: image.shape[0] // 3 * 3].reshape(-1, 3, image.shape[1])[:: max(1, image.shape[0] // 360)]
-    top, middle, bottom = (strips[:, i].astype(np.float32) for i in range(3))
-    rows = top - 2 * middle + bottom
-    second = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
-    return float(np.median(np.abs(second))) * 1.4826 / 6.0  # the mask's weights have the norm 6
-
-
-def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
-    """The image stretched to 8 bits and the gain, for detectors that know nothing else: never for measuring."""
-    sample = image[::4, ::4]
-    low, high = np.percentile(sample, (0.5, 99.5)) if sample.size else (0.0, 0.0)
-    low, high = min(float(low), float(sample.min())), max(float(high), float(sample.max()))
-    # At least a sixteenth of the full scale: a blank image must not become an image of its noise.
-    full = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else max(high, 1e-12)
-    span = max(high - low, full / 16.0)
-    if image.dtype == np.uint8 and span > 0.5 * full:
-        return np.ascontiguousarray(image, dtype=np.uint8), 1.0
-    gain = 255.0 / span
-    return np.ascontiguousarray(np.clip((image.astype(np.float32) - low) * gain, 0, 255).astype(np.uint8)), gain
-
-
 def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]:
     """Find the circles of a grey image.
 
@@ -91,10 +60,10 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
     """
     grey, gain = grey_8bit(image)
     noise = noise_dn(image)
-    segments, ellipses = _edge_drawing(grey, noise * gain)
+    segments, ellipses = edge_drawing(grey, noise * gain)
     ranked = []
-    for candidate in [*ellipses, *_from_segments(segments, grey.shape)]:
-        if _plausible(candidate, grey.shape):
+    for candidate in [*ellipses, *from_segments(segments, grey.shape)]:
+        if plausible(candidate, grey.shape):
             support, polarity = _evidence(image, candidate)
             if support >= _MIN_COVERAGE - 0.1:
                 ranked.append((support, polarity, candidate))
@@ -117,97 +86,6 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
             found.append(edges)
             tried.append((float(np.sign(edges.contrast_dn)), edges.ellipse))
     return _group(found, ellipses)
-
-
-def _edge_drawing(grey: NDArray[np.uint8], noise: float) -> tuple[list[Array], list[Array]]:
-    """Edge segments, (N, 2) each, and ellipses, (5,) each."""
-    parameters = cv2.ximgproc.EdgeDrawing.Params()
-    parameters.EdgeDetectionOperator = cv2.ximgproc.EdgeDrawing_PREWITT
-    # Against strong noise a wider Gaussian: a step keeps 1 / sigma of its gradient, noise 1 / sigma^2.
-    parameters.Sigma = 1.0 if noise <= 10.0 else 2.0
-    # Behind that Gaussian Prewitt's sums of noise have a sigma of 3 * 2 / sqrt(8 pi) = 1.2 of it, for sigma 1.
-    parameters.GradientThresholdValue = max(16, round(4.5 * 1.2 * noise / parameters.Sigma**2))
-    parameters.AnchorThresholdValue = 2
-    parameters.MinPathLength = 10
-    parameters.NFAValidation = True
-    drawing = cv2.ximgproc.createEdgeDrawing()
-    drawing.setParams(parameters)
-    drawing.detectEdges(grey)
-    segments = [np.asarray(s, dtype=np.float64).reshape(-1, 2) for s in drawing.getSegments()]
-    answer = drawing.detectEllipses()
-    ellipses = []
-    if answer is not None:
-        for x, y, r, a, b, angle in np.asarray(answer, dtype=np.float64).reshape(-1, 6):
-            # A circle comes as r > 0 and a = b = 0, an ellipse the other way round.
-            big, small = max(a, b) + r, min(a, b) + r
-            ellipses.append(np.array([x, y, big, small, angle if a >= b else angle + 90.0]))
-    return segments, ellipses
-
-
-def _from_segments(segments: list[Array], shape: tuple[int, ...]) -> list[Array]:
-    """Ellipses of edge segments that are one, wholly or for a good part."""
-    out = []
-    everything = np.concatenate(segments) if segments else np.zeros((0, 2))
-    for points in segments:
-        if len(points) < _MIN_SEGMENT_POINTS or min(np.ptp(points, axis=0)) < 3.0:
-            continue
-        # OpenCV's direct fit is fast and rough, which is right for thousands of segments.
-        (x, y), (width, height), angle = cv2.fitEllipseDirect(points.astype(np.float32))
-        ellipse = np.array([x, y, width / 2, height / 2, angle])
-        if height > width:
-            ellipse[2:] = height / 2, width / 2, angle + 90.0
-        # Chain points are whole pixels, 0.3 px off; more than that and 4 % of the size is a square, or a letter.
-        if not _plausible(ellipse, shape) or _sampson_rms(ellipse, points) > 0.5 + 0.04 * float(ellipse[3]):
-            continue
-        covered = _covered(ellipse, points)
-        if covered < 0.25:
-            continue
-        for _ in range(2):  # an arc: let it collect what lies along its continuation
-            if covered > 0.9:
-                break
-            more = _along(ellipse, everything)
-            grown = direct_ellipse(more)
-            if isinstance(grown, FailedFit) or not _plausible(grown, shape):
-                break
-            ellipse, covered = grown, _covered(grown, more)
-        out.append(ellipse)
-    return out
-
-
-def _sampson_rms(ellipse: Array, points: Array) -> float:
-    """RMS of the distance to first order, F / |grad F|."""
-    angle = math.radians(ellipse[4])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    p = (points - ellipse[:2]) @ turn / ellipse[2:4]
-    gradient = np.sum((p / ellipse[2:4]) ** 2, axis=1)
-    value = np.sum(p * p, axis=1) - 1.0
-    return float(np.sqrt(np.mean(value * value / np.maximum(4.0 * gradient, 1e-12))))
-
-
-def _plausible(ellipse: Array, shape: tuple[int, ...]) -> bool:
-    x, y, a, b, _ = (float(v) for v in ellipse)
-    if not np.all(np.isfinite(ellipse)):
-        return False
-    inside = -0.5 * a <= x <= shape[1] + 0.5 * a and -0.5 * a <= y <= shape[0] + 0.5 * a
-    return inside and b >= _MIN_SEMI_AXIS_PX and b >= _MIN_ASPECT * a and a <= max(shape)
-
-
-def _rms(ellipse: Array, points: Array) -> float:
-    return float(np.sqrt(np.mean(foot_points(ellipse, points)[0] ** 2)))
-
-
-def _covered(ellipse: Array, points: Array) -> float:
-    """Fraction of 24 equal steps of the eccentric angle that hold a point."""
-    u = foot_points(ellipse, points)[2]
-    angle = np.arctan2(u[:, 1], u[:, 0]) / (2 * np.pi) + 0.5
-    return float(np.count_nonzero(np.bincount((angle * 24).astype(np.int64) % 24, minlength=24))) / 24.0
-
-
-def _along(ellipse: Array, points: Array) -> Array:
-    radius = float(ellipse[2]) + 2.0
-    box = np.all(np.abs(points - ellipse[:2]) <= radius, axis=1)
-    close = points[box]
-    return close[np.abs(foot_points(ellipse, close)[0]) <= 1.5]
 
 
 def _evidence(image: NDArray[Any], ellipse: Array) -> tuple[float, float]:
@@ -257,9 +135,9 @@ def _pixels(image: NDArray[Any], points: Array) -> tuple[Array, NDArray[np.bool_
 
 def _is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> bool:
     contrast, b = abs(edges.contrast_dn), float(edges.ellipse[3])
-    if not _plausible(edges.ellipse, (10**9, 10**9)) or edges.coverage < _MIN_COVERAGE:
+    if not plausible(edges.ellipse, (10**9, 10**9)) or edges.coverage < _MIN_COVERAGE:
         return False
-    if contrast < max(_MIN_CONTRAST_DN / 255.0 * full_scale_dn, noise):
+    if contrast < max(_MIN_CONTRAST_DN * min(full_scale_dn / 255.0, 1.0), noise):
         return False
     if contrast < 8.0 * noise and edges.coverage < 0.75:  # in strong noise half a contour is found by chance
         return False
@@ -274,7 +152,7 @@ def _is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> b
     if aliased and edges.noise_dn > 0.06 * contrast:
         allowed = max(allowed, 0.26)  # the rounding of an edge to whole pixels
     expected = float(np.sqrt(np.mean(edges.sigma_px**2))) * min(1.0, 1.5 * noise / max(edges.noise_dn, 1e-9))
-    return _rms(edges.ellipse, edges.points_px) <= math.hypot(allowed, 1.5 * expected)
+    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(allowed, 1.5 * expected)
 
 
 def _alike(one: Array, other: Array, tolerance_px: float) -> bool:

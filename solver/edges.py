@@ -23,22 +23,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from roundel.scenes.conic import ellipse_perimeter_px, ellipse_points
-from roundel.solver.ellipse import FailedFit, fit_ellipse, foot_points
+from roundel.solver.edge_band import MIN_SECTORS, PLATEAU_PX, Band, band_around, reach_of, sector_centres, within
+from roundel.solver.ellipse import FailedFit, fit_ellipse
+from roundel.solver.foot_points import foot_points
+from roundel.solver.step_response import PIXEL_VARIANCE, step_response
 
 Array = NDArray[np.float64]
 
 _SECTOR_PX = 2.0
-_MIN_SECTORS = 12
 _FIRST_REACH_PX = 8.0  # how far from a candidate its edge is looked for, and its plateaus
-_PLATEAU_PX = 1.5  # what is kept of the flat parts beside the edge, to know the grey levels
 _LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to either side
 _MAX_ROUNDS = 6
-_PIXEL_VARIANCE = 1.0 / 12.0
 _SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
 _FIRST_STEPS, _STEPS = 4, 3
+_SATURATED = 254.5 / 255.0  # of the full scale
 _SATURATED_STEPS = 12
 _FIT_TOLERANCE = 1e-5  # of the size: the points move more than that in the next round
 _MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
@@ -75,20 +75,6 @@ class EdgePoints:
     coverage: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Band:
-    """The pixels around a contour: one entry a pixel."""
-
-    value: Array
-    distance: Array
-    half_sum: Array  # (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2: the corners of the pixel's trapezoid
-    half_difference: Array
-    curvature: Array
-    sector: NDArray[np.int64]
-    count: int
-    expected: Array  # (count,) pixels a sector would have if none lay outside the image
-
-
 def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0) -> EdgePoints | FailedFit:
     """Find the points of the edge along an approximate ellipse, and the ellipse through them.
 
@@ -110,19 +96,19 @@ def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.
     variance, found = 1.0, None
     for turn in range(_MAX_ROUNDS):
         first = turn == 0
-        count = max(_MIN_SECTORS, round(float(ellipse_perimeter_px(current)) / _SECTOR_PX))
-        band = _band(image, current, limits, count)
-        reach = _reach(band)
+        count = max(MIN_SECTORS, round(float(ellipse_perimeter_px(current)) / _SECTOR_PX))
+        band = band_around(image, current, limits, count)
+        reach = reach_of(band)
         if isinstance(reach, FailedFit):
             return reach
-        band = _within(band, reach)
+        band = within(band, reach)
         if len(band.value) < 2 * count:
             return FailedFit("no edge with flat sides along the contour")
-        limits = (reach[0] - _PLATEAU_PX, reach[1] + _PLATEAU_PX)
+        limits = (reach[0] - PLATEAU_PX, reach[1] + PLATEAU_PX)
         delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, first)
         if np.count_nonzero(good) < max(8, 0.4 * count):
             return FailedFit(f"only {np.count_nonzero(good)} of {count} sectors of the contour show an edge")
-        feet, normals = _sector_centres(current, count)
+        feet, normals = sector_centres(current, count)
         points = (feet + delta[:, None] * normals)[good]
         fit = fit_ellipse(points, sigma[good], start=current, tolerance=_FIT_TOLERANCE)
         if not isinstance(fit, FailedFit):
@@ -154,145 +140,8 @@ def _largest_move(before: Array, after: Array) -> float:
     return float(np.max(np.abs(foot_points(before, ellipse_points(after, 16))[0])))
 
 
-def _sector_centres(ellipse: Array, count: int) -> tuple[Array, Array]:
-    """Foot points (count, 2) and outer normals (count, 2) at the middle of each sector."""
-    knots, lengths = _arc(ellipse)
-    t = np.interp((np.arange(count) + 0.5) / count * lengths[-1], lengths, knots)
-    angle, a, b = math.radians(ellipse[4]), ellipse[2], ellipse[3]
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    feet = np.stack([a * np.cos(t), b * np.sin(t)], axis=1) @ turn + ellipse[:2]
-    normals = np.stack([np.cos(t) / a, np.sin(t) / b], axis=1)
-    return feet, normals / np.linalg.norm(normals, axis=1, keepdims=True) @ turn
-
-
-def _arc(ellipse: Array) -> tuple[Array, Array]:
-    """Eccentric angles from 0 to 2 pi, and the arc length up to each."""
-    knots = np.linspace(0.0, 2.0 * np.pi, 361)
-    middle = (knots[1:] + knots[:-1]) / 2
-    speed = np.hypot(ellipse[2] * np.sin(middle), ellipse[3] * np.cos(middle)) * (knots[1] - knots[0])
-    return knots, np.concatenate([[0.0], np.cumsum(speed)])
-
-
-def _band(image: NDArray[Any], ellipse: Array, limits: tuple[float, float], count: int) -> _Band:
-    """Pixels whose distance to the contour lies within the limits, and within 0.9 b of it on the inner side."""
-    height, width = image.shape
-    x, y, a, b, angle_deg = (float(v) for v in ellipse)
-    angle = math.radians(angle_deg)
-    c, s = math.cos(angle), math.sin(angle)
-    inner, outer = max(limits[0], -0.9 * b), limits[1]
-    # Bounding box of the ellipse, and the outer limit around it.
-    half_w = math.hypot(a * c, b * s) + outer + 1
-    half_h = math.hypot(a * s, b * c) + outer + 1
-    x0, x1 = max(0, math.floor(x - half_w)), min(width, math.ceil(x + half_w) + 1)
-    y0, y1 = max(0, math.floor(y - half_h)), min(height, math.ceil(y + half_h) + 1)
-    dx, dy = np.arange(x0, x1) - x, (np.arange(y0, y1) - y)[:, None]
-    radius2 = ((c / a) * dx + (s / a) * dy) ** 2 + ((c / b) * dy - (s / b) * dx) ** 2
-    # The distance to the contour is at least b |radius - 1|: a cheap superset of the band.
-    rows, columns = np.nonzero((radius2 >= max(1 + inner / b, 0.0) ** 2) & (radius2 <= (1 + outer / b) ** 2))
-    pixels = np.stack([columns + float(x0), rows + float(y0)], axis=1)
-    value = image[rows + y0, columns + x0]
-    distance, normal, u = foot_points(ellipse, pixels)
-    inside = (distance >= inner) & (distance <= outer)
-    distance, normal, u, value = distance[inside], normal[inside], u[inside], value[inside]
-    ux, uy = u[:, 0] * c + u[:, 1] * s, u[:, 1] * c - u[:, 0] * s
-    curvature = 1.0 / (a * a * b * b * ((ux / a) ** 2 + (uy / b) ** 2) ** 1.5)
-    knots, lengths = _arc(ellipse)
-    arc = np.interp(np.mod(np.arctan2(uy, ux), 2 * np.pi), knots, lengths)
-    sector = np.minimum((arc / lengths[-1] * count).astype(np.int64), count - 1)
-    nx, ny = np.abs(normal).T
-    return _Band(
-        value=value.astype(np.float64),
-        distance=distance,
-        half_sum=(nx + ny) / 2,
-        half_difference=(nx - ny) / 2,
-        curvature=curvature,
-        sector=sector,
-        count=count,
-        expected=np.full(count, lengths[-1] / count * (outer - inner)),
-    )
-
-
-def _within(band: _Band, reach: tuple[float, float]) -> _Band:
-    keep = (band.distance >= reach[0]) & (band.distance <= reach[1])
-    span = (reach[1] - reach[0]) / max(float(np.ptp(band.distance)), 1e-9)
-    return _Band(
-        band.value[keep],
-        band.distance[keep],
-        band.half_sum[keep],
-        band.half_difference[keep],
-        band.curvature[keep],
-        band.sector[keep],
-        band.count,
-        band.expected * min(span, 1.0),
-    )
-
-
-def _reach(band: _Band) -> tuple[float, float] | FailedFit:
-    """How far the edge and a little plateau extend inward and outward, from the mean profile along the normal.
-
-    It ends where the profile turns back: there another edge begins (the inner circle of a ring, a border nearby).
-    """
-    if len(band.value) < 4 * _MIN_SECTORS:
-        return FailedFit("the contour lies outside the image")
-    step = 0.5
-    low = float(band.distance.min())
-    index = ((band.distance - low) / step).astype(np.int64)
-    number = np.bincount(index)
-    filled = np.flatnonzero(number)
-    at = low + (np.arange(len(number)) + 0.5) * step
-    profile = np.interp(at, at[filled], np.bincount(index, band.value)[filled] / number[filled])
-    slope = np.diff(np.convolve(np.pad(profile, 1, mode="edge"), [0.25, 0.5, 0.25], mode="valid"))
-    where = (at[1:] + at[:-1]) / 2
-    close = np.abs(where) <= 2.5
-    if not np.any(close):
-        return FailedFit("the contour is too small to have an inside")
-    polarity = 1.0 if np.sum(slope[close]) >= 0 else -1.0
-    rise = polarity * slope
-    top = int(np.argmax(np.where(close, rise, -np.inf)))
-    if not rise[top] > 0:
-        return FailedFit("no edge along the contour")
-    ends = []
-    for direction in (-1, 1):
-        i = top
-        while 0 <= i + direction < len(rise) and rise[i + direction] > 0.05 * rise[top]:
-            i += direction
-        edge = i
-        while (
-            0 <= i + direction < len(rise)
-            and abs(i - edge) * step < _PLATEAU_PX
-            and rise[i + direction] > -0.05 * rise[top]
-        ):
-            i += direction
-        ends.append(float(where[i]))
-    return ends[0], ends[1]
-
-
-def _step_response(z: Array, half_sum: Array, half_difference: Array, variance: float) -> tuple[Array, Array, Array]:
-    """Mean of a unit step at 0 over a square pixel centred at z along the normal, after a Gaussian blur; T, T', T''.
-
-    The pixel projects to a trapezoid, the convolution of two boxes of widths w1 = |nu_x| and w2 = |nu_y|: a second
-    difference of the Gaussian's iterated integrals.
-    """
-    sigma = math.sqrt(variance)
-    w1w2 = half_sum**2 - half_difference**2
-    # Along a row or column one box has no width: a thin one is the same to 1e-6 and keeps the differences finite.
-    thin = w1w2 < 1e-3
-    corner = np.where(thin, np.abs(half_difference) - 5e-4, np.abs(half_difference))
-    outer = np.where(thin, corner + 1e-3, half_sum)
-    area = np.where(thin, (outer - corner) * (outer + corner), w1w2)
-    value, slope, bend = np.zeros_like(z), np.zeros_like(z), np.zeros_like(z)
-    for shift, sign in ((outer, 1.0), (corner, -1.0), (-corner, -1.0), (-outer, 1.0)):
-        s = (z + shift) / sigma
-        normal_cdf = ndtr(s)
-        density = np.exp(-0.5 * s * s) / math.sqrt(2.0 * math.pi)
-        value += sign * (variance / 2) * ((s * s + 1.0) * normal_cdf + s * density)
-        slope += sign * sigma * (s * normal_cdf + density)
-        bend += sign * normal_cdf
-    return value / area, slope / area, bend / area
-
-
 def _offsets(
-    band: _Band, variance: float, full_scale_dn: float, first: bool
+    band: Band, variance: float, full_scale_dn: float, first: bool
 ) -> tuple[Array, Array, NDArray[np.bool_], float, float, float]:
     """Offset of each sector and its sigma, which of them to trust, blur variance, contrast, residual noise."""
     sector, count, value = band.sector, band.count, band.value
@@ -303,17 +152,20 @@ def _offsets(
     delta = np.zeros(count)
     window = min(max(1, round(_LEVEL_WINDOW_PX / _SECTOR_PX)), (count - 1) // 4)
     size = total(np.ones_like(value))
-    # In the first round the contour is too rough to tell what lies beyond the full scale.
-    saturated = (value >= full_scale_dn - 0.5) & (not first)
+    # In the first round the contour is too rough to tell what lies beyond the full scale, and in pixels without shades
+    # (an edge should have one a px) nothing can.
+    low, high = float(value.min()), float(value.max())
+    shades = np.count_nonzero((value > low + 0.05 * (high - low)) & (value < high - 0.05 * (high - low)))
+    saturated = (value >= full_scale_dn * _SATURATED) & (not first and shades > 0.2 * count * _SECTOR_PX)
     steps = _FIRST_STEPS if first else _STEPS
-    if np.mean(saturated) > 0.25:
+    if np.mean(saturated) > 0.1:
         # Levels, offsets and blur are then tied to one another: they settle slowly, and take the whole contour to tell.
         steps, window = _SATURATED_STEPS, (count - 1) // 2
     # Weights of the pixels, derivative by -delta, and the inverse of what a sector knows of it: nothing at first.
     seen, lean, inverse = np.ones_like(value), np.zeros_like(value), np.zeros(count)
     for _ in range(steps):
-        z = band.distance - delta[sector] + (variance + _PIXEL_VARIANCE) * band.curvature / 2
-        t, slope, bend = _step_response(z, band.half_sum, band.half_difference, variance)
+        z = band.distance - delta[sector] + (variance + PIXEL_VARIANCE) * band.curvature / 2
+        t, slope, bend = step_response(z, band.half_sum, band.half_difference, variance)
         # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors;
         # the offset of each sector is eliminated before (Schur complement).
         p, q, v = seen * (1 - t), seen * t, seen * value

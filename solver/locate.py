@@ -23,10 +23,10 @@ from roundel.solver.ellipse import (
     direct_ellipse,
     ellipse_of_shape,
     fit_ellipse,
-    foot_points,
     shape_of_ellipse,
 )
 from roundel.solver.estimates import Estimate
+from roundel.solver.foot_points import foot_points
 from roundel.solver.intrinsics import camera_for, parse_intrinsics
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def locate(
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
-        Integer levels, or floats; colours are averaged, a fourth channel is left out.
+        Integer levels, or real numbers up to 1, 255 or 65,535; colours are averaged, a fourth channel is left out.
     diameter_m : float
         Outer diameter of the printed circles.
     camera : Camera, optional
@@ -88,7 +88,10 @@ def grey_levels(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
         raise ValueError(f"an image holds integers or real numbers, not {pixels.dtype}")
     if not integers and not np.all(np.isfinite(pixels)):
         raise ValueError("the image holds numbers that are not finite")
-    full_scale = float(np.iinfo(pixels.dtype).max) if integers else float(max(np.max(pixels), 1e-12))
+    # Real numbers do not say where they saturate: at 1 or at an integer's limit, whichever holds them.
+    largest = float(np.max(pixels))
+    limits = (1.0, 255.0, 65535.0, largest)
+    full_scale = float(np.iinfo(pixels.dtype).max) if integers else next(v for v in limits if v >= largest)
     if pixels.ndim == 3:
         pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3].mean(axis=2)
     return pixels, full_scale
@@ -104,10 +107,11 @@ def fit_detection(detection: Detection, camera: Camera, method: str) -> EllipseF
     if method == "edgedrawing":
         if detection.edgedrawing is None:
             return FailedFit("EdgeDrawing found no ellipse on this contour")
-        if not any(camera.distortion):
-            ellipse = ellipse_of_shape(shape_of_ellipse(detection.edgedrawing))
-            return _plain_fit(ellipse, ellipse_points(ellipse, 64))
-        return fit_points(ellipse_points(detection.edgedrawing, 64), None, camera, "direct")
+        ellipse: Array | FailedFit = ellipse_of_shape(shape_of_ellipse(detection.edgedrawing))
+        if any(camera.distortion):
+            ellipse = direct_ellipse(undistort_px(camera, ellipse_points(detection.edgedrawing, 64)))
+        points = undistort_px(camera, detection.edges.points_px)
+        return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
     return fit_points(detection.edges.points_px, detection.edges.sigma_px, camera, method)
 
 
