@@ -31,7 +31,7 @@ def metered(frame: Frame, radiance: NDArray[np.float32]) -> NDArray[np.float64]:
     height, width = radiance.shape
     seen = np.all((px >= -0.5) & (px < [width - 0.5, height - 0.5]), axis=1)
     columns, rows = np.rint(px[seen]).astype(np.int64).T
-    return radiance[rows, columns].astype(np.float64)
+    return np.asarray(radiance[rows, columns], dtype=np.float64)
 
 
 def exposure_of(levels: NDArray[np.float64], sensor: SensorSection) -> float:
