@@ -102,11 +102,10 @@ def _trace_chunk(
     quantities += [mi.Float(_covers(dr, mi, frame, part, hit) & on_plane) for part in frame.sheet.parts]
     # Evaluated together: left to itself each sum would trace all the rays again.
     dr.eval(quantities)
-    sums = [dr.block_sum(q, per_replicate) for q in quantities]
-    replicates = np.stack([np.array(s, dtype=np.float64).reshape(-1, REPLICATES) for s in sums]) / per_replicate
-    mean = replicates.mean(axis=2)
-    variance = replicates[0].var(axis=1, ddof=1) / REPLICATES
-    return np.concatenate([mean[:1], variance[None], mean[1:]]).astype(np.float32)
+    mean, *others = (dr.block_sum(q, samples) / samples for q in quantities)
+    scatter = dr.block_sum(quantities[0], per_replicate) / per_replicate - dr.repeat(mean, REPLICATES)
+    variance = dr.block_sum(dr.square(scatter), REPLICATES) / (REPLICATES * (REPLICATES - 1))
+    return np.stack([np.array(plane, dtype=np.float32) for plane in (mean, variance, *others)])
 
 
 def _covers(dr: Any, mi: Any, frame: Frame, part: Any, hit: Any) -> Any:
