@@ -59,7 +59,7 @@ def _room_for(study: Any, out: Path) -> None:
     free, needed = shutil.disk_usage(folder).free, disk_bytes(study)
     if needed > free:
         print(
-            f"roundel: warning: {folder} has {free / 1e9:.1f} GB free, this study may need {needed / 1e9:.1f} GB",
+            f"roundel: warning: {folder} has {free / 1e9:.2g} GB free, this study may need {needed / 1e9:.2g} GB",
             file=sys.stderr,
         )
 
@@ -98,8 +98,8 @@ def _fidelity_line(manifest: dict[str, Any]) -> str:
 
 def do_solve(arguments: argparse.Namespace) -> int:
     """Estimate poses from a dataset's images."""
-    from roundel.datasets.dataset import read_manifest
     from roundel.datasets.images import open_images
+    from roundel.datasets.manifest import read_manifest
     from roundel.solver.solve import solve_dataset
 
     dataset = Path(arguments.dataset)
@@ -220,12 +220,13 @@ def _calibration_line(record: dict[str, Any]) -> str:
 
 def do_verify(arguments: argparse.Namespace) -> int:
     """Compare a dataset with its manifest."""
-    from roundel.datasets.dataset import read_manifest
+    from roundel.datasets.manifest import read_manifest
     from roundel.datasets.verify import verify_dataset
 
     path = Path(arguments.dataset)
     if not path.is_dir():
-        raise DataError(f"{path}: not a dataset: there is no such folder")
+        what = "it is a file, and a dataset is a folder" if path.exists() else "there is no such folder"
+        raise DataError(f"{path}: not a dataset: {what}")
     manifest = read_manifest(path)
     findings = verify_dataset(path, full=arguments.full)
     if findings:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pyarrow.parquet as pq
 
 from roundel.datasets import files
 from roundel.datasets.images import Images, open_images
+from roundel.datasets.manifest import read_manifest
 from roundel.datasets.verify import Finding, verify_dataset
 from roundel.scenes.camera import Camera
 from roundel.scenes.errors import DataError
@@ -42,29 +42,6 @@ class Dataset:
     def verify(self, full: bool = False) -> list[Finding]:
         """What is wrong with the files; empty when all is well. See `datasets.verify`."""
         return verify_dataset(self.path, full=full)
-
-
-def read_manifest(path: Path) -> dict[str, Any]:
-    """The manifest of a dataset.
-
-    Raises
-    ------
-    DataError
-        If it is missing or is not one.
-    """
-    file = path / files.MANIFEST
-    try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise DataError(f"{file}: the manifest is missing; finish the dataset with `roundel render`") from error
-    except (OSError, ValueError) as error:
-        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to write it anew") from error
-    needed = {"schema", "dataset_id", "study", "files", "counts"}
-    if not isinstance(manifest, dict) or needed - set(manifest):
-        raise DataError(f"{file}: not the manifest of a Roundel dataset")
-    if manifest["schema"] != 1:
-        raise DataError(f"{file}: schema {manifest['schema']} is not known to this version; use a newer Roundel")
-    return manifest
 
 
 def open_dataset(path: str | Path) -> Dataset:

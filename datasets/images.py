@@ -136,7 +136,8 @@ def open_images(path: str | Path) -> Images:
     """
     path = Path(path)
     if not path.is_dir():
-        raise DataError(f"{path}: not a dataset: there is no such folder")
+        what = "it is a file, and a dataset is a folder" if path.exists() else "there is no such folder"
+        raise DataError(f"{path}: not a dataset: {what}")
     if not (path / files.MANIFEST).is_file():
         unfinished = (path / files.JOURNAL).is_file() or (path / files.STUDY).is_file()
         hint = (

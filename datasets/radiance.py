@@ -24,10 +24,16 @@ def encode_radiance(planes: Planes) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {name: np.ascontiguousarray(plane, dtype=np.float32) for name, plane in planes.items()}
     # The library writes to named files only; the dataset's own write protocol takes bytes.
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "radiance.exr"
-        OpenEXR.File(header, channels).write(str(path))
-        return path.read_bytes()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "radiance.exr"
+            OpenEXR.File(header, channels).write(str(path))
+            return path.read_bytes()
+    except (OSError, RuntimeError) as error:
+        # What the library raises when the temporary folder is full tells only its own troubles.
+        raise DataError(
+            f"{tempfile.gettempdir()}: cannot write radiance there (is it full?); free some space, or set TMPDIR"
+        ) from error
 
 
 def read_radiance(path: str | Path) -> Planes:

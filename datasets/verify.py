@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from roundel.datasets import files, journal
 from roundel.datasets.images import read_image
+from roundel.datasets.manifest import read_manifest
 from roundel.datasets.radiance import read_radiance
 from roundel.scenes.errors import DataError
 
@@ -70,12 +70,9 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     path = Path(path)
     file = path / files.MANIFEST
     try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-        recorded = {name: (int(r["bytes"]), str(r["sha256"])) for name, r in manifest["files"].items()}
-    except FileNotFoundError as error:
-        raise DataError(f"{file}: the manifest is missing; this is no finished dataset") from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to write it anew") from error
+        recorded = {n: (int(r["bytes"]), str(r["sha256"])) for n, r in read_manifest(path)["files"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{file}: its list of files is corrupt; run `roundel render` again to write it anew") from error
     findings = []
     for name, (size, digest) in sorted(recorded.items()):
         wrong = _check_file(path, name, size, digest, full)
