@@ -172,7 +172,7 @@ def do_run(arguments: argparse.Namespace) -> int:
         print(_calibration_line(calibrate_dataset(out / "dataset", camera, group=study.solve.calibrate_from)))
     labels = [f"calibrated:{camera}" if label == "calibrated" else label for label in study.solve.intrinsics]
     if not _has_circles(dataset, study.solve.groups):
-        print("no circular markers to solve; the dataset is finished")
+        print(f"no circular markers to solve; finished: {camera or out / 'dataset'}")
         return 0
     with progress("solve") as show:
         solve_dataset(

@@ -134,6 +134,10 @@ def calibrate(images: Images, group: str | None = None, coefficients: int = 4) -
 
 def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibration:
     """`calibrate`, from views that were looked at before."""
+    if not views:
+        raise NotComparableError(
+            "no frame shows a chessboard; calibrate from a group that does, as configs/chessboard.yaml"
+        )
     sizes = {view.camera_size_px for view in views}
     if len(sizes) > 1:
         raise NotComparableError(f"the views have {len(sizes)} sizes of image; calibrate one camera at a time")
