@@ -19,8 +19,13 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
+
+            def update(done: int, total: int) -> None:
+                # No bar before there is something to count: some verbs find nothing to do.
+                task = bar.task_ids[0] if bar.task_ids else bar.add_task(what, total=total)
+                bar.update(task, completed=done, total=total)
+
+            yield update
         return
     started = said = time.monotonic()
 

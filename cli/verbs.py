@@ -144,9 +144,10 @@ def do_validate(arguments: argparse.Namespace) -> int:
     asked = open_dataset(arguments.dataset).study.get("validate", {})
     extent = arguments.extent_D or asked.get("reprojection_extent_D", 3.0)
     out = Path(arguments.out)
-    summary = validate_dataset(
-        arguments.dataset, arguments.estimates, out, extent_D=extent, camera_path=arguments.camera
-    )
+    with progress("chessboards") as show:
+        summary = validate_dataset(
+            arguments.dataset, arguments.estimates, out, extent_D=extent, camera_path=arguments.camera, progress=show
+        )
     print(terminal_table(summary))
     print(f"report: {out / 'report.html'}")
     return 0
@@ -184,13 +185,15 @@ def do_run(arguments: argparse.Namespace) -> int:
             knowledge=_knowledge(study.solve.knowledge),
             progress=show,
         )
-    summary = validate_dataset(
-        out / "dataset",
-        [out / "estimates"],
-        out / "report",
-        extent_D=study.validate.reprojection_extent_D,
-        camera_path=camera,
-    )
+    with progress("chessboards") as show:
+        summary = validate_dataset(
+            out / "dataset",
+            [out / "estimates"],
+            out / "report",
+            extent_D=study.validate.reprojection_extent_D,
+            camera_path=camera,
+            progress=show,
+        )
     print(terminal_table(summary))
     print(f"report: {out / 'report' / 'report.html'}")
     return 0
