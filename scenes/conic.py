@@ -53,11 +53,15 @@ def conic_of_circle(camera_from_marker: ArrayLike, radius_m: ArrayLike, K: Array
     (..., 3, 3) array
         Unit Frobenius norm, positive inside.
     """
-    h = homography_of_plane(camera_from_marker, K)
-    r = np.asarray(radius_m, dtype=np.float64)
-    # H diag(R, R, 1) is the homography of the unit circle: well scaled whatever the radius.
-    scale = np.stack([r, r, np.ones_like(r)], axis=-1)[..., None, :]
-    inverse = np.linalg.inv(h * scale)
+    m = np.asarray(camera_from_marker, dtype=np.float64)
+    r = np.asarray(radius_m, dtype=np.float64)[..., None]
+    r1, r2, r3, c = (m[..., :3, i] for i in range(4))
+    d = np.sum(r3 * c, axis=-1, keepdims=True)
+    # The inverse of [R r1, R r2, c], row by row: p = X R r1 + Y R r2 + W c has W = r3.p / d and X R = r1.p - W r1.c.
+    # A general inverse would lose the digits of its condition number, some 1e5 for a far marker.
+    rows = [(axis - np.sum(axis * c, axis=-1, keepdims=True) / d * r3) / r for axis in (r1, r2)]
+    rows.append(np.broadcast_to(r3 / d, rows[0].shape))
+    inverse = np.stack(rows, axis=-2) @ np.linalg.inv(np.asarray(K, dtype=np.float64))
     return _unit_positive_inside(np.swapaxes(inverse, -1, -2) @ np.diag([-1.0, -1.0, 1.0]) @ inverse)
 
 

@@ -130,7 +130,10 @@ def _ellipse_of_conic(conic: Array) -> tuple[Array, Array]:
     norm = np.linalg.norm(conic, axis=(-2, -1), keepdims=True)
     if np.any(norm == 0.0):
         raise ValueError("not an ellipse: the conic is the zero matrix")
-    c = (conic + np.swapaxes(conic, -2, -1)) / (2.0 * norm)
+    # The elements of a conic hold the pose to 1e-15, but centre and determinant are differences that lose up to seven
+    # digits for a thin, far ellipse: the wider float of x86 (64 bits of mantissa) takes three of them back.
+    c = conic.astype(np.longdouble)
+    c = (c + np.swapaxes(c, -2, -1)) / (2.0 * norm)
     q11, q12, q22 = c[..., 0, 0], c[..., 0, 1], c[..., 1, 1]
     sign = np.where(q11 + q22 < 0, -1.0, 1.0)
     q11, q12, q22 = sign * q11, sign * q12, sign * q22
@@ -149,7 +152,8 @@ def _ellipse_of_conic(conic: Array) -> tuple[Array, Array]:
     l21, l22 = q12 / l11, np.sqrt(determinant / q11)
     zero = np.zeros_like(l11)
     shape = np.stack([np.stack([1.0 / l11, -l21 / (l11 * l22)], -1), np.stack([zero, 1.0 / l22], -1)], axis=-2)
-    return np.stack([x, y], axis=-1), shape * np.sqrt(level)[..., None, None]
+    centre, factor = np.stack([x, y], axis=-1), shape * np.sqrt(level)[..., None, None]
+    return centre.astype(np.float64), factor.astype(np.float64)
 
 
 def _orthogonalise(columns: list[Array]) -> list[Array]:
