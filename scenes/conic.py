@@ -32,12 +32,6 @@ def _unit_positive_inside(conic: Array) -> Array:
     return np.asarray(scaled * sign[..., None, None], dtype=np.float64)
 
 
-def homography_of_plane(camera_from_marker: ArrayLike, K: ArrayLike) -> Array:
-    """Homography (..., 3, 3) from the marker's plane (X, Y, 1) in metres to undistorted pixels: K [r1 r2 t]."""
-    m = np.asarray(camera_from_marker, dtype=np.float64)
-    return np.asarray(K, dtype=np.float64) @ m[..., :3, [0, 1, 3]]
-
-
 def conic_of_circle(camera_from_marker: ArrayLike, radius_m: ArrayLike, K: ArrayLike) -> Array:
     """Image of a circle: C ~ H^-T Q H^-1 (paper, section III; the print has H^T, see the errata).
 
