@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
-import threading
 from collections.abc import Callable, Sequence
 
 EXIT_CODES = """exit codes: 0 well, 1 worse (gate), 2 usage or study error, 3 not comparable or too few samples,
@@ -140,7 +138,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.verb is None:
         parser.print_help()
         return 2
-    interrupted = _watch_for_interrupts()
+    from roundel.cli.interrupt import was_interrupted, watch
+
+    watch()
     try:
         code = _run(arguments)
         sys.stdout.flush()
@@ -156,8 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         if os.environ.get("ROUNDEL_DEBUG"):
             raise
-        if interrupted:
-            # Raised in a plugin that the renderer was calling, the interrupt comes back as an error of the renderer.
+        if was_interrupted():
             return _interrupted()
         if isinstance(error, RoundelError):
             print(f"roundel: {_one_line(error)}", file=sys.stderr)
@@ -173,23 +172,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 file=sys.stderr,
             )
         return 4
-
-
-def _watch_for_interrupts() -> list[int]:
-    """A list that Ctrl-C puts its signal's number into, before it raises KeyboardInterrupt as always."""
-    seen: list[int] = []
-
-    def remember(number: int, frame: object) -> None:
-        seen.append(number)
-        raise KeyboardInterrupt
-
-    # Not where somebody else (a test runner, a notebook) handles Ctrl-C, nor off the main thread, where it cannot be.
-    if (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    ):
-        signal.signal(signal.SIGINT, remember)
-    return seen
 
 
 def _interrupted() -> int:

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from roundel.cli.interrupt import stop_if_interrupted
+
 _SECONDS_BETWEEN_LINES = 10.0
 
 
@@ -21,6 +23,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
         with Progress(*columns, console=Console(stderr=True)) as bar:
 
             def update(done: int, total: int) -> None:
+                stop_if_interrupted()
                 # No bar before there is something to count: some verbs find nothing to do.
                 task = bar.task_ids[0] if bar.task_ids else bar.add_task(what, total=total)
                 bar.update(task, completed=done, total=total)
@@ -31,6 +34,7 @@ def progress(what: str) -> Iterator[Callable[[int, int], None]]:
 
     def line(done: int, total: int) -> None:
         nonlocal said
+        stop_if_interrupted()
         now = time.monotonic()
         if done == total or now - said >= _SECONDS_BETWEEN_LINES:
             said = now
