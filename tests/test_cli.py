@@ -161,7 +161,20 @@ def test_an_interrupted_render_ends_with_130_and_goes_on_later(tmp_path: Path) -
     # Enough frames that the signal comes in time even where the renderer leaves little of the processor to this test.
     (tmp_path / "study.yaml").write_text(SMALL.replace("frames: 4", "frames: 40"))
     command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), str(tmp_path / "ds")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def heed_interrupts() -> None:
+        # A shell starts what it runs in the background with SIGINT ignored, and children inherit that.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    pipe = subprocess.PIPE
+    # The function only resets a signal: nothing in it can wait for another thread.
+    process = subprocess.Popen(
+        command,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        preexec_fn=heed_interrupts,  # noqa: PLW1509
+    )
     deadline = time.monotonic() + 120
     journal = tmp_path / "ds" / "journal.jsonl"
     while time.monotonic() < deadline and not journal.exists() and process.poll() is None:
