@@ -112,6 +112,8 @@ def _rendered(
         for frame_id in frame_ids:
             yield render_frame(mi, frame_of(study, frame_id), dataset)
         return
+    # Started here first: a worker that cannot start tells the pool nothing but that it died.
+    start(variant, threads)
     arguments = (str(study.path), study.digest(), str(dataset), variant, threads)
     # A fresh interpreter a worker: Dr.Jit's threads do not survive a fork.
     with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:

@@ -47,3 +47,7 @@ class StudyError(RoundelError):
         self.column = column
         self.reason = message
         super().__init__(f"{path}:{line}:{column}: {message}")
+
+    def __reduce__(self) -> tuple[type[StudyError], tuple[str, Path, int, int]]:
+        # Pickled by its parts, not by its whole sentence: it may come from another process.
+        return type(self), (self.reason, self.path, self.line, self.column)

@@ -60,7 +60,8 @@ def test_the_users_own_choice_is_kept_or_refused(monkeypatch, tmp_path: Path) ->
         backend.find_llvm()
 
 
-def test_a_file_that_is_no_llvm_is_one_line_and_exit_code_4(tmp_path: Path) -> None:
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_file_that_is_no_llvm_is_one_line_and_exit_code_4(tmp_path: Path, jobs: str) -> None:
     fake = tmp_path / "libLLVM-18.so"
     fake.write_bytes(b"not a library")
     (tmp_path / "study.yaml").write_text(
@@ -68,6 +69,7 @@ def test_a_file_that_is_no_llvm_is_one_line_and_exit_code_4(tmp_path: Path) -> N
         "marker: {kind: disc, diameter_m: 0.1}\npose: {distance_D: 5}\nframes: 1\n"
     )
     command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), str(tmp_path / "ds")]
+    command += ["--jobs", jobs]
     environment = {**__import__("os").environ, "DRJIT_LIBLLVM_PATH": str(fake)}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=120)
     assert done.returncode == 4

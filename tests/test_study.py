@@ -1,6 +1,7 @@
 """Reading studies: what is accepted, and the one line for what is not."""
 
 import json
+import pickle
 from pathlib import Path
 
 import jsonschema
@@ -132,6 +133,13 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path_factory, text: str) ->
     except StudyError as error:
         message = str(error)
     assert "\n" not in message
+
+
+def test_a_study_error_survives_the_way_between_processes() -> None:
+    error = StudyError("no such key", "study.yaml", 3, 5)
+    back = pickle.loads(pickle.dumps(error))
+    assert str(back) == str(error) == "study.yaml:3:5: no such key"
+    assert (back.line, back.column) == (3, 5)
 
 
 def test_scalars_are_those_of_yaml_1_2(write) -> None:
