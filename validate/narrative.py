@@ -28,9 +28,15 @@ def intrinsics_in_words(label: str) -> str:
 
 
 def main_run(summary: dict[str, Any]) -> Run:
-    """The run that the report leads with: the first method's, against the truth, with the camera's own focal length."""
+    """The run that the report leads with: the study's first method, against the truth, with the true focal length."""
+    asked = (summary["settings"].get("solve") or {}).get("methods", [])
     runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
-    return min(runs, key=lambda r: (r["method"], not is_right(r["intrinsics"])))
+
+    def rank(run: Run) -> tuple[int, str, bool]:
+        place = asked.index(run["method"]) if run["method"] in asked else len(asked)
+        return place, run["method"], not is_right(run["intrinsics"])
+
+    return min(runs, key=rank)
 
 
 def _errors(run: Run) -> str:
