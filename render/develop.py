@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera import project
 from roundel.scenes.frame import Frame
 from roundel.scenes.pose import transform_points
-from roundel.scenes.schema import SensorSection
+from roundel.scenes.sensor_section import SensorSection
 
 # White is where 1 % of the sheet is brighter still.
 _WHITE_QUANTILE = 0.99

@@ -31,13 +31,28 @@ class Camera:
     K : (3, 3) array
         Calibration matrix at focus, in pixels, upper triangular, K[2, 2] = 1.
     distortion : tuple of float
-        OpenCV's k1, k2, p1, p2[, k3]; empty for none.
+        OpenCV's coefficients in OpenCV's order; empty for none.
     aperture_radius_m : float
         Radius of the thin lens's aperture; 0 is a pinhole.
     focus_distance_m : float
         Distance of the plane in focus from the camera centre, along z.
     focal_35mm_mm : float or None
         What the EXIF tag `FocalLengthIn35mmFilm` would say.
+    distortion_model : str
+        `opencv` (0, 4, 5, 8, 12 or 14 coefficients) or `fisheye` (4).
+    blades : int
+        Corners of the aperture, on the circle of its radius; 0 is a round one.
+    blade_turn_deg : float
+        Angle of the first corner, +x toward +y.
+    wavelengths_m : tuple of float
+        Of the light that is diffracted by the aperture; empty for geometric optics. With three and a mosaic they are
+        red, green and blue, otherwise an even mixture.
+    natural_vignetting : bool
+        Whether the image darkens by cos^4 of the field angle.
+    barrel_radius_m, barrel_length_m : float
+        Front opening of the lens barrel and its distance before the aperture; infinite radius for none.
+    pixel_side : float
+        Side of the square part of a pixel that collects light, in pixels (the square root of the fill factor).
     """
 
     width_px: int
@@ -47,6 +62,14 @@ class Camera:
     aperture_radius_m: float = 0.0
     focus_distance_m: float = float("inf")
     focal_35mm_mm: float | None = None
+    distortion_model: str = "opencv"
+    blades: int = 0
+    blade_turn_deg: float = 0.0
+    wavelengths_m: tuple[float, ...] = field(default=())
+    natural_vignetting: bool = False
+    barrel_radius_m: float = float("inf")
+    barrel_length_m: float = 0.0
+    pixel_side: float = 1.0
 
 
 def principal_point_at_centre(width_px: int, height_px: int) -> tuple[float, float]:

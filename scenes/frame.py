@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,14 @@ from roundel.scenes.camera import (
     project,
     undistort_px,
 )
+from roundel.scenes.camera_section import CameraSection, MotionSection
 from roundel.scenes.conic import circle_points_m
 from roundel.scenes.errors import StudyError
 from roundel.scenes.marker import Part, Sheet, sheet_of
+from roundel.scenes.motion import Motion, image_of, pose_at
 from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
 from roundel.scenes.sampling import draw, frame_count, frames_per_level, stream
-from roundel.scenes.schema import CameraSection, GroupSection
+from roundel.scenes.schema import GroupSection
 from roundel.scenes.study import Study
 
 # Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
@@ -35,7 +38,9 @@ DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
 class Frame:
     """One frame: everything that rendering and truth need, all of it decided.
 
-    `settings` is the group's section with every spread replaced by the frame's number.
+    `settings` is the group's section with every spread replaced by the frame's number; `camera_from_sheet` is the pose
+    at time 0 of `motion`; files that the study names are relative to `folder`. `sensor_seed` is one for a group: the
+    pattern of its pixels does not change from frame to frame.
     """
 
     frame_id: int
@@ -44,15 +49,23 @@ class Frame:
     level: float | None
     settings: GroupSection
     camera: Camera
+    motion: Motion
     sheet: Sheet
     camera_from_sheet: NDArray[np.float64]
     noise_seed: int
     ray_seed: int
+    sensor_seed: int
+    folder: Path
 
-    def camera_from_part(self, part: Part) -> NDArray[np.float64]:
-        """Pose of one part of the sheet."""
-        pose = self.camera_from_sheet.copy()
-        pose[:3, 3] = transform_points(self.camera_from_sheet, [part.x_m, part.y_m, 0.0])
+    def part_time_s(self, part: Part) -> float:
+        """Mid-exposure of the row where the part's centre is imaged, in seconds after the first part's."""
+        _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
+        return float(time[0])
+
+    def camera_from_part(self, part: Part, after_s: float = 0.0) -> NDArray[np.float64]:
+        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or a time after."""
+        pose = pose_at(self.motion, self.camera_from_sheet, np.array(self.part_time_s(part) + after_s))
+        pose[:3, 3] = transform_points(pose, [part.x_m, part.y_m, 0.0])
         return pose
 
 
@@ -77,7 +90,7 @@ def group_ranges(study: Study) -> dict[str, range]:
     return ranges
 
 
-def camera_of(section: CameraSection) -> Camera:
+def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
     """The camera that a section with all spreads drawn describes."""
     focus_m = section.focus_m if section.focus_m is not None else float("inf")
     focal_px: float
@@ -95,18 +108,48 @@ def camera_of(section: CameraSection) -> Camera:
         aperture_m = focal_mm * 1e-3 / section.f_number / 2
     elif section.aperture_mm is not None:
         aperture_m = section.aperture_mm * 1e-3 / 2
+    if section.diffraction and aperture_m == 0:
+        raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
     # A phone writes whole millimetres, by the diagonal.
     diagonal_px = float(np.hypot(section.width_px, section.height_px))
     written = float(max(1, round(focal_px * DIAGONAL_35MM_MM / diagonal_px)))
     return Camera(
-        section.width_px,
-        section.height_px,
-        np.array([[focal_px, 0.0, cx], [0.0, focal_px, cy], [0.0, 0.0, 1.0]]),
-        tuple(section.distortion),
-        aperture_m,
-        focus_m,
-        section.focal_35mm_mm if section.focal_35mm_mm is not None else written,
+        width_px=section.width_px,
+        height_px=section.height_px,
+        K=np.array([[focal_px, section.skew_px, cx], [0.0, focal_px * section.aspect, cy], [0.0, 0.0, 1.0]]),
+        distortion=tuple(section.distortion),
+        aperture_radius_m=aperture_m,
+        focus_distance_m=focus_m,
+        focal_35mm_mm=section.focal_35mm_mm if section.focal_35mm_mm is not None else written,
+        distortion_model=section.distortion_model,
+        blades=section.blades,
+        blade_turn_deg=section.blade_turn_deg,
+        wavelengths_m=tuple(1e-9 * w for w in section.wavelengths_nm) if section.diffraction else (),
+        natural_vignetting=section.natural_vignetting,
+        barrel_radius_m=float("inf") if section.barrel_mm is None else section.barrel_mm * 1e-3 / 2,
+        barrel_length_m=section.barrel_length_mm * 1e-3,
+        pixel_side=float(np.sqrt(fill_factor)),
     )
+
+
+def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> Motion:
+    """The motion that a section with all spreads drawn describes.
+
+    Raises
+    ------
+    ValueError
+        If the exposure is longer than the frame.
+    """
+    if section.exposure_s > section.frame_s:
+        raise ValueError(
+            f"exposure_s: {section.exposure_s:g} s is longer than the frame, {section.frame_s:g} s; expose shorter, or "
+            "give a longer frame_s"
+        )
+    twists = [
+        np.array([*twist.velocity_m_s, *np.radians(np.array(twist.rate_deg_s, dtype=np.float64))], dtype=np.float64)
+        for twist in (section.camera, section.marker)
+    ]
+    return Motion(section.exposure_s, section.readout_s / height_px, centre_row_px, *twists)
 
 
 def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSection:
@@ -167,7 +210,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
     try:
-        camera = camera_of(settings.camera)
+        camera = camera_of(settings.camera, settings.sensor.fill_factor)
     except ValueError as error:
         raise fail(f"camera: {error}", "camera") from error
     if folds_inside_image(camera):
@@ -185,7 +228,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     if pose.distance_m is not None:
         distance_m = pose.distance_m
     elif first.radius_m is None or pose.distance_D is None:
-        raise fail("pose.distance_D: a chessboard has no diameter; give distance_m", "pose", "distance_D")
+        raise fail("pose.distance_D: a board has no diameter; give distance_m", "pose", "distance_D")
     else:
         distance_m = pose.distance_D * 2 * first.radius_m
     normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
@@ -198,7 +241,25 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
     # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
     noise_seed, ray_seed = (int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2))
-    frame = Frame(frame_id, name, index, level, settings, camera, sheet, camera_from_sheet, noise_seed, ray_seed)
+    try:
+        motion = motion_of(settings.motion, camera.height_px, float(pixel[1]))
+    except ValueError as error:
+        raise fail(f"motion.{error}", "motion", "exposure_s") from error
+    frame = Frame(
+        frame_id,
+        name,
+        index,
+        level,
+        settings,
+        camera,
+        motion,
+        sheet,
+        camera_from_sheet,
+        noise_seed,
+        ray_seed,
+        int(stream(study.seed, name, 3).generate_state(1)[0]),
+        study.path.parent,
+    )
     for part in sheet.parts:
         _check_in_view(frame, part, fail)
     return frame

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.schema import DiscWithChessboardSection, Marker
+from roundel.scenes.marker_section import DiscWithChessboardSection, Marker
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,10 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from roundel.scenes.errors import StudyError
+from roundel.scenes.light_section import LAMPS
+from roundel.scenes.marker_section import KINDS as MARKERS
 from roundel.scenes.schema import SCHEMA_VERSION, GroupSection, Head, SolveSection, ValidateSection
+from roundel.scenes.section import Section
 from roundel.scenes.values import is_spread
 from roundel.scenes.yaml_reader import Marks, read_yaml
 
@@ -28,7 +31,9 @@ _SHARED = (
     "camera",
     "marker",
     "pose",
+    "motion",
     "light",
+    "occluders",
     "sensor",
     "render",
     "points",
@@ -93,34 +98,33 @@ def _merged(shared: Any, own: Any) -> Any:
     return {**shared, **{k: _merged(shared[k], v) if k in shared else v for k, v in own.items()}}
 
 
+# Where one of several sections may stand, told apart by its `kind`; the tag then stands in pydantic's places, too.
+_KINDS: dict[str, dict[str, type[Section]]] = {"marker": MARKERS, "lamps": LAMPS}
+
+
+def _models_of(annotation: Any) -> list[type[BaseModel]]:
+    """The sections within an annotation such as `list[Section] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in getattr(annotation, "__args__", ()) for model in _models_of(inner)]
+
+
 def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
     """The keys that a section at `location` knows, for suggestions."""
-    from roundel.scenes import schema
-
-    known: Any = model
+    known: type[BaseModel] | None = model
+    kinds: dict[str, type[Section]] = {}
     for part in location:
         if isinstance(part, int):
             continue
-        if part in ("disc", "ring", "chessboard", "disc_with_chessboard") and known is None:
-            known = {
-                "disc": schema.DiscSection,
-                "ring": schema.RingSection,
-                "chessboard": schema.ChessboardSection,
-                "disc_with_chessboard": schema.DiscWithChessboardSection,
-            }[part]
+        if part in kinds:
+            known, kinds = kinds[part], {}
             continue
-        annotation = (
-            next((f.annotation for n, f in known.model_fields.items() if part in (n, f.alias)), None) if known else None
-        )
-        inner = [annotation, *getattr(annotation, "__args__", ())]
-        known = (
-            next((a for a in inner if isinstance(a, type) and issubclass(a, BaseModel)), None)
-            if part != "marker"
-            else None
-        )
-    if known is None:
-        return []
-    return [f.alias or n for n, f in known.model_fields.items()]
+        if known is None:
+            return []
+        kinds = _KINDS.get(part, {})
+        annotation = next((f.annotation for n, f in known.model_fields.items() if part in (n, f.alias)), None)
+        known = next(iter(_models_of(annotation)), None)
+    return [] if known is None or kinds else [f.alias or n for n, f in known.model_fields.items()]
 
 
 def _nearest(word: str, known: list[str]) -> str:
@@ -128,16 +132,26 @@ def _nearest(word: str, known: list[str]) -> str:
     return f"; did you mean {close[0]}?" if close else (f"; known here: {', '.join(sorted(known))}" if known else "")
 
 
+def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A place of pydantic's as it stands in the file: without the tags of unions and the arms of others."""
+    kept: list[Any] = []
+    kinds: dict[str, type[Section]] = {}
+    for part in raw:
+        if isinstance(part, int):
+            kept.append(part)
+        elif part in kinds:
+            kinds = {}
+        elif part.isidentifier() and part not in ("constrained-int", "int"):
+            kinds = _KINDS.get(part, {})
+            kept.append(part)
+    return tuple(kept)
+
+
 def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]:
     """One pydantic error as (message, place in the section)."""
-    kinds = ("disc", "ring", "chessboard", "disc_with_chessboard")
     raw = error["loc"]
-    # The discriminator's tag stands in pydantic's location but not in the file.
-    location = tuple(p for i, p in enumerate(raw) if not (i == 1 and raw[0] == "marker" and p in kinds))
-    # The arms of a union ('perimeter' or a number) are no keys either.
-    location = tuple(
-        p for p in location if isinstance(p, int) or (p.isidentifier() and p not in ("constrained-int", "int"))
-    )
+    location = _in_file(raw)
+    kinds = list(next((_KINDS[p] for p in reversed(location) if p in _KINDS), {}))
     dotted = ".".join(str(p) for p in location)
     context = error.get("ctx", {})
     if error["type"] == "extra_forbidden":
@@ -145,7 +159,7 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
     if error["type"] == "missing":
         return f"{dotted}: this key is missing; add it", location
     if error["type"] == "union_tag_invalid":
-        return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), list(kinds))}", (
+        return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), kinds)}", (
             *location,
             "kind",
         )

@@ -138,3 +138,5 @@ NonNegative = _value_type(_bounded(0.0, math.inf, False, "it must not be negativ
 Fraction = _value_type(_bounded(0.0, 1.0, False, "it must lie in 0 to 1"))
 Tilt = _value_type(_bounded(0.0, 85.0, False, "a tilt lies in 0 to 85 degrees"))
 Turn = _value_type(_bounded(-360.0, 360.0, False, "an angle lies in -360 to 360 degrees"))
+Quality = _value_type(_bounded(1.0, 100.0, False, "a JPEG quality lies in 1 to 100"))
+Share = _value_type(_bounded(0.0, 1.0, True, "it must be positive and at most 1"))

@@ -7,7 +7,7 @@ from helpers_studies import small_study
 from roundel.datasets.images import read_image
 from roundel.render.develop import develop, edge_photometry, exposure_of, gain_dn_per_e, noise_dn
 from roundel.render.run import render_study
-from roundel.scenes.schema import SensorSection
+from roundel.scenes.sensor_section import SensorSection
 
 FLAT = np.full((400, 500), 0.5, dtype=np.float32)
 
