@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from roundel.scenes.frame import frame_of, frames_of, group_ranges
+from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
 from roundel.scenes.sampling import cells_of
 from roundel.scenes.study import Study
 
-# Two cores, path samples with direct light, encoding and measuring of a frame (docs/decisions, 003).
-_SAMPLES_A_SECOND = 5e6
+# Two cores: rays in closed form, rays through Mitsuba's integrators, encoding and measuring of a frame (benchmarks/).
+_PLAIN_RAYS_A_SECOND = 17e6
+_RAYS_A_SECOND = 4e6
 _SECONDS_A_FRAME = 0.4
+
+# Rays that a pixel of the band takes on average, pilot included: the pilot itself decides, and is not run here.
+_RAYS_A_BAND_PIXEL = 200
 _PNG_BYTES_A_PIXEL = 0.6
 _EXR_BYTES_A_PIXEL = 4.0
 
@@ -22,14 +26,26 @@ def disk_bytes(study: Study) -> float:
     total = 0.0
     for name, count in _images_of(study).items():
         group = study.groups[name]
-        pixel = _PNG_BYTES_A_PIXEL * group.sensor.bits / 8 + (_EXR_BYTES_A_PIXEL if group.render.radiance else 0)
+        sensor = group.sensor
+        numbers = 3 if sensor.mosaic != "none" and sensor.deliver == "colour" else 1
+        pixel = _PNG_BYTES_A_PIXEL * numbers * (1 if sensor.bits == 8 else 2)
+        pixel += _EXR_BYTES_A_PIXEL if group.render.radiance else 0
         total += count * group.camera.width_px * group.camera.height_px * pixel
     return total
 
 
+def _rays(frame: Frame) -> float:
+    """Rays of a frame, about."""
+    from roundel.render.samples import sample_map
+
+    plan, render = sample_map(frame), frame.settings.render
+    band = int(plan.edge.sum()) * (_RAYS_A_BAND_PIXEL if render.target_error else render.band_samples)
+    return float(plan.edge.size * render.samples + band)
+
+
 def cost_of(study: Study) -> list[str]:
     """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
-    from roundel.render.samples import sample_map
+    from roundel.render.transport import is_plain
 
     lines = []
     seconds = 0.0
@@ -46,9 +62,12 @@ def cost_of(study: Study) -> list[str]:
         if group.mode == "images":
             # A few frames, evenly taken, stand for all.
             some = sorted({ids[i * (len(ids) - 1) // 4] for i in range(5)})
-            samples = sum(int(sample_map(frame_of(study, i)).sum()) for i in some) / len(some)
-            seconds += len(ids) * (samples / _SAMPLES_A_SECOND + _SECONDS_A_FRAME)
-            text += f", {samples / 1e6:.1f} million rays each"
+            frames = [frame_of(study, i) for i in some]
+            rays = [_rays(frame) for frame in frames]
+            speeds = [_PLAIN_RAYS_A_SECOND if is_plain(frame) else _RAYS_A_SECOND for frame in frames]
+            tracing = sum(n / speed for n, speed in zip(rays, speeds, strict=True)) / len(some)
+            seconds += len(ids) * (tracing + _SECONDS_A_FRAME)
+            text += f", some {sum(rays) / len(some) / 1e6:.1f} million rays each"
         else:
             text += ", points only"
         lines.append(text)

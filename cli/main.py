@@ -73,6 +73,13 @@ def build_parser() -> argparse.ArgumentParser:
     render.add_argument("--frames", type=_frames, metavar="A:B", help="only these frames")
     rendering(render)
 
+    develop = verb("develop", "expose a dataset's radiance anew, for another sensor, without rendering")
+    develop.add_argument("dataset", metavar="DATASET")
+    develop.add_argument("out", metavar="OUT")
+    develop.add_argument(
+        "--sensor", required=True, metavar="FILE", help="YAML: keys of a `sensor:` section, laid over each group's own"
+    )
+
     solve = verb("solve", "estimate the pose of every circle in a dataset")
     solve.add_argument("dataset", metavar="DATASET")
     solve.add_argument("out", metavar="OUT")

@@ -74,26 +74,45 @@ def do_render(arguments: argparse.Namespace) -> int:
         dataset = render_study(
             study, out, jobs=arguments.jobs, threads=arguments.threads, frames=arguments.frames, progress=show
         )
+    _warn_of_flags(out if dataset is None else dataset)
     if dataset is None:
         print(f"{out}: frames are still missing; run `roundel render` without --frames to finish")
     else:
         print(f"{out}: {len(dataset)} frames, dataset_id {dataset.manifest['dataset_id'][:12]}")
-        print(_fidelity_line(dataset.manifest))
+        _print_fidelity(dataset.manifest)
     return 0
 
 
-def _fidelity_line(manifest: dict[str, Any]) -> str:
-    measured = manifest.get("fidelity", {})
-    if not measured.get("circles"):
-        return f"fidelity: not measured ({measured.get('reason', 'no circles')})"
-    x, y, scale = (measured[k] for k in ("shift_x_px", "shift_y_px", "scale_px"))
-    return (
-        f"fidelity over {measured['circles']} circles, image against analytic contour: "
-        f"shift x {x['mean']:+.5f} +- {x['ci95']:.5f} px, y {y['mean']:+.5f} +- {y['ci95']:.5f} px, "
-        f"size {scale['mean']:+.5f} +- {scale['ci95']:.5f} px; "
-        f"edge residual {100 * measured['residual']:.2f} % of the contrast "
-        f"(Monte-Carlo error {100 * measured['monte_carlo']:.2f} %)"
-    )
+def do_develop(arguments: argparse.Namespace) -> int:
+    """Develop a dataset's radiance with another sensor."""
+    from roundel.render.redevelop import develop_dataset
+
+    with progress("develop") as show:
+        dataset = develop_dataset(arguments.dataset, arguments.out, arguments.sensor, show)
+    _warn_of_flags(dataset)
+    identity, source = (str(dataset.manifest[key])[:12] for key in ("dataset_id", "developed_from"))
+    print(f"{arguments.out}: {len(dataset)} frames, dataset_id {identity}, developed from {source}")
+    return 0
+
+
+def _warn_of_flags(dataset: Any) -> None:
+    """One line on stderr if frames of a dataset, or of one half finished (its path), are flagged."""
+    from roundel.datasets import journal
+    from roundel.datasets.flags import flags_of_rows, warning_of
+
+    if isinstance(dataset, Path):
+        entries = journal.read(dataset)
+        line = warning_of(((i, entry["flags"]) for i, entry in entries.items()), len(entries))
+    else:
+        line = warning_of(flags_of_rows(dataset.truth.select(["frame_id", "flags"]).to_pylist()), len(dataset))
+    if line:
+        print(f"roundel: warning: {line}", file=sys.stderr)
+
+
+def _print_fidelity(manifest: dict[str, Any]) -> None:
+    from roundel.datasets.fidelity_summary import fidelity_lines
+
+    print("\n".join(fidelity_lines(manifest.get("fidelity"))))
 
 
 def do_solve(arguments: argparse.Namespace) -> int:
@@ -166,7 +185,8 @@ def do_run(arguments: argparse.Namespace) -> int:
     with progress("render") as show:
         dataset = render_study(study, out / "dataset", jobs=arguments.jobs, threads=arguments.threads, progress=show)
     assert dataset is not None, "a run without --frames finishes its dataset"
-    print(_fidelity_line(dataset.manifest))
+    _warn_of_flags(dataset)
+    _print_fidelity(dataset.manifest)
     camera: Path | None = None
     if study.solve.calibrate_from is not None:
         camera = out / "chessboard.json"
@@ -238,7 +258,7 @@ def do_verify(arguments: argparse.Namespace) -> int:
         raise DataError(f"{path}: {len(findings)} of its files are wrong")
     depth = "every checksum agrees" if arguments.full else "sizes agree; --full compares checksums"
     print(f"{path}: {len(manifest['files'])} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
-    print(_fidelity_line(manifest))
+    _print_fidelity(manifest)
     return 0
 
 

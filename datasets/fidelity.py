@@ -1,147 +1,231 @@
-"""Fidelity: how far the rendered image of a circle lies from its analytic contour, measured.
+"""Fidelity: how far the rendered image of a circle lies from its float64 prediction, measured.
 
-The prediction shares nothing with the ray generator but the camera's mathematics in float64: each pixel near the edge
-is undistorted and the part of it inside the conic is integrated. The rendered radiance is then explained as
+The radiance around a circle is explained, by weighted linear least squares, as
 
-    Y = E(x, y) (paper + (ink - paper) (coverage - shift . d coverage - scale d coverage))
+    Y = E(x, y) (P + shift . dP + growth dP),
 
-by linear least squares, with E a quadratic (smooth light). What is left is the residual.
+with P the predicted pattern of the print, E a quadratic (smooth light; a quadratic a colour where pixels have colour
+filters). What the fit asks for is the bias of the edge. Without shift and growth, what is left of each pixel is held
+against its own Monte-Carlo error: a t-test with Sidak's correction, and a chi-square test of all together.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.optimize import nnls
 
-from roundel.scenes.camera import Camera, undistort_px
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.datasets.measurable import effect_of, is_sampled, obstacle
+from roundel.datasets.pixel_test import pixel_test
+from roundel.datasets.prediction import Prediction, is_sharp, nodes_for, predict
 from roundel.scenes.frame import Frame
-from roundel.scenes.marker import reflectance_at
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-# Gauss-Legendre lines a pixel: the coverage of an edge pixel is then known to some 1e-4, far below Monte-Carlo error.
-_LINES = 16
+# Pixels this far beyond the blurred edge take part: they tell what light and reflectances are.
 _BAND_PX = 2
-_STEP_PX = 0.02
+
+# Where a blurred edge begins and ends: the Airy pattern's tail would make it the whole image.
+_EDGE, _ROUNDING = 0.01, 1e-9
+
+# Pixels of the test: where the edge only grazes a pixel, a replicate hardly meets it; nothing Gaussian there.
+_TESTED = 0.05
+
+# Fewer pixels than this cannot tell a shift from light.
+_FEWEST = 40
+
+# What the prediction itself may be off by, of the contrast: its nodes are chosen for it, tests hold it.
+_PREDICTION_ERROR = 1e-3
+
+# A contrast, in units of radiance, that no light makes.
+_DARK = 1e-9
+
+# Places of the Bayer colours in a two by two cell.
+_COLOURS = {"r": 0, "g": 1, "b": 2}
 
 
-def _coverage(ellipse: Array, corner: Array, u_side: Array, v_side: Array) -> Array:
-    """Fraction of each pixel, a parallelogram in undistorted coordinates (n, 2 each), inside an ellipse (5,).
+@dataclass(frozen=True)
+class _Band:
+    """The pixels that are compared: where they are, what was rendered, which colour (0, 1, 2) each sees."""
 
-    The ellipse becomes the unit circle; along each of the lines across the pixel its chord is exact.
-    """
-    angle = np.radians(ellipse[4])
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]) / ellipse[2:4, None]
-    origin, a, b = (corner - ellipse[:2]) @ turn.T, u_side @ turn.T, v_side @ turn.T
-    # Chords run across the edge, lines are stacked along it: the integrand is then smooth.
-    middle = origin + (a + b) / 2
-    across = np.abs(np.sum(middle * a, axis=1)) >= np.abs(np.sum(middle * b, axis=1))
-    a, b = np.where(across[:, None], a, b), np.where(across[:, None], b, a)
-    nodes, weights = np.polynomial.legendre.leggauss(_LINES)
-    start = origin[:, None] + (nodes[:, None] + 1) / 2 * b[:, None]
-    # |start + s a|^2 < 1 between the roots of a quadratic in s.
-    q2, q1, q0 = np.sum(a * a, axis=1)[:, None], np.sum(start * a[:, None], axis=2), np.sum(start * start, axis=2) - 1
-    root = np.sqrt(np.maximum(q1 * q1 - q2 * q0, 0.0))
-    low, high = np.clip((-q1 - root) / q2, 0, 1), np.clip((-q1 + root) / q2, 0, 1)
-    return np.asarray((high - low) @ weights / 2, dtype=np.float64)
-
-
-def _band(camera: Camera, contour_px: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of the pixels within `_BAND_PX` of a contour, inside the image."""
-    columns, rows = np.rint(contour_px).astype(np.int64).T
-    steps = np.arange(-_BAND_PX, _BAND_PX + 1)
-    dr, dc = (a.ravel() for a in np.meshgrid(steps, steps))
-    pixels = np.unique(np.stack([(rows[:, None] + dr).ravel(), (columns[:, None] + dc).ravel()], axis=1), axis=0)
-    inside = (pixels >= 0).all(axis=1) & (pixels[:, 0] < camera.height_px) & (pixels[:, 1] < camera.width_px)
-    return pixels[inside, 0], pixels[inside, 1]
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    observed: Array
+    variance: Array
+    colour: NDArray[np.int64]
 
 
 def measure_circle(
     frame: Frame, marker_id: int, radiance: NDArray[np.float32], variance: NDArray[np.float32]
-) -> dict[str, float] | None:
-    """Compare one rendered circle with its analytic contour.
+) -> dict[str, Any]:
+    """Compare one rendered circle with its prediction.
 
     Parameters
     ----------
     frame : Frame
     marker_id : int
+        Of a circular part.
     radiance, variance : (H, W) arrays
         Linear radiance and the variance of its Monte-Carlo estimate.
 
     Returns
     -------
-    dict or None
-        `shift_x_px`, `shift_y_px`: displacement of the rendered edge from the analytic one; `scale_px`: how much larger
-        it is (along the normal); `shift_se_px`: standard error of a shift, from the residual; `residual`: RMS of what
-        is left in the band, `monte_carlo`: RMS that the recorded variance predicts, both as fractions of the edge's
-        contrast; `pixels`. None where there is nothing to compare: a lens with an aperture, a circle cut by the
-        image's border.
+    dict
+        `effect`: what blurs or bends the edge; `shift_x_px`, `shift_y_px`: displacement of the rendered edge from the
+        predicted one; `scale_px`: how much larger it is, along the normal; `shift_se_px`: standard error of a shift;
+        `residual`: RMS of what is left in the band, `monte_carlo`: RMS that the recorded variance predicts, both as
+        fractions of the edge's contrast; `pixels`; and `z_...`, see `pixel_test`. Where there is nothing to compare
+        `{"reason": ...}`.
     """
-    from roundel.scenes.camera import distort_px
+    reason = obstacle(frame, marker_id)
+    if reason is None and not is_sampled(frame, marker_id):
+        reason = "not in the sample of blurred frames"
+    if reason is not None:
+        return {"reason": reason}
+    try:
+        predictions = _predictions(frame, marker_id)
+    except ValueError as error:
+        return {"reason": str(error)}
+    if predictions[0].step == 0:
+        return {"reason": "ink and paper are alike"}
+    if frame.sheet.clutter is not None and any(seen.border for seen in predictions):
+        return {"reason": "clutter on the wall is seen at its edge"}
+    return compare(frame, predictions, radiance, variance)
+
+
+def _colour_of(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.int64]:
+    mosaic = frame.settings.sensor.mosaic
+    if mosaic == "none":
+        return np.zeros(len(rows), dtype=np.int64)
+    cell = np.array([_COLOURS[c] for c in mosaic])
+    return np.asarray(cell[2 * (rows % 2) + columns % 2], dtype=np.int64)
+
+
+def _predictions(frame: Frame, marker_id: int) -> list[Prediction]:
+    """One prediction for all pixels, or one for those of each colour, if light of each is diffracted its own way."""
+    from dataclasses import replace
 
     part = next(p for p in frame.sheet.parts if p.marker_id == marker_id)
     camera = frame.camera
-    if part.radius_m is None or camera.aperture_radius_m > 0:
-        return None
-    pose = frame.camera_from_part(part)
-    ellipse = ellipse_of_conic(conic_of_circle(pose, part.radius_m, camera.K))
-    count = int(np.ceil(8 * ellipse[2])) + 64
-    contour = distort_px(camera, ellipse_points(ellipse, count))
-    if contour.min() < _BAND_PX or np.any(contour > np.array([camera.width_px, camera.height_px]) - 1 - _BAND_PX):
-        return None
-    rows, columns = _band(camera, contour)
-    # Within one pixel the lens is linear to some 1e-6 px: four corners say all.
-    centres = np.stack([columns, rows], axis=-1).astype(np.float64)
-    corners = [undistort_px(camera, centres + shift) for shift in ([-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5])]
-    u_side = (corners[1] - corners[0] + corners[3] - corners[2]) / 2
-    v_side = (corners[2] - corners[0] + corners[3] - corners[1]) / 2
-    pixel = (np.mean(corners, axis=0) - (u_side + v_side) / 2, u_side, v_side)
-    coverage = _coverage(ellipse, *pixel)
-
-    def slope(index: tuple[int, ...]) -> Array:
-        step = np.zeros(5)
-        step[list(index)] = _STEP_PX
-        return (_coverage(ellipse + step, *pixel) - _coverage(ellipse - step, *pixel)) / (2 * _STEP_PX)
-
-    # The two sides of the edge as the sheet has them: a step inside and outside the circle, anywhere on it.
-    x, zero = np.array([0.999, 1.001]) * part.radius_m, np.zeros(2)
-    ink, paper = reflectance_at(frame.sheet, part.x_m + x, part.y_m + zero)
-    u, v = (columns - ellipse[0]) / ellipse[2], (rows - ellipse[1]) / ellipse[2]
-    light = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
-    observed = radiance[rows, columns].astype(np.float64)
-    design = light * (paper + (ink - paper) * coverage)[:, None]
-    start, *_ = np.linalg.lstsq(design, observed, rcond=None)
-    contrast = (light @ start) * (ink - paper)
-    design = np.column_stack([design, *(contrast * slope(i) for i in ((0,), (1,), (2, 3)))])
-    solution, *_ = np.linalg.lstsq(design, observed, rcond=None)
-    left = observed - design @ solution
-    freedom = len(observed) - design.shape[1]
-    covariance = np.linalg.pinv(design.T @ design) * (left @ left / freedom)
-    height = float(np.abs(contrast).mean())
-    return {
-        "shift_x_px": float(solution[6]),
-        "shift_y_px": float(solution[7]),
-        "scale_px": float(solution[8]),
-        "shift_se_px": float(np.sqrt(max(covariance[6, 6], covariance[7, 7]))),
-        "residual": float(np.sqrt(np.mean(left**2))) / height,
-        "monte_carlo": float(np.sqrt(np.mean(variance[rows, columns], dtype=np.float64))) / height,
-        "pixels": float(len(observed)),
-    }
+    if frame.settings.sensor.mosaic == "none" or len(camera.wavelengths_m) != 3:
+        return [predict(frame, part)]
+    # The widest pattern says how large a window all of them need.
+    by_width = sorted(range(3), key=lambda i: -camera.wavelengths_m[i])
+    found: dict[int, Prediction] = {}
+    window = None
+    for i in by_width:
+        one = replace(frame, camera=replace(camera, wavelengths_m=(camera.wavelengths_m[i],)))
+        found[i] = predict(one, part, window, nodes_for(one))
+        window = (found[i].row0, found[i].col0, *found[i].coverage.shape)
+    return [found[i] for i in range(3)]
 
 
-def summarise(measured: list[dict[str, float]]) -> dict[str, Any]:
-    """The fidelity of a dataset from that of its circles: mean shift with its 95 % interval, worst, residuals."""
-    if not measured:
-        return {"circles": 0, "reason": "no sharp, whole circle to measure"}
-    out: dict[str, Any] = {"circles": len(measured)}
-    for key in ("shift_x_px", "shift_y_px", "scale_px"):
-        values = np.array([m[key] for m in measured])
-        # One circle has no scatter; its own standard error stands in.
-        spread = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else measured[0]["shift_se_px"]
-        out[key] = {"mean": float(values.mean()), "ci95": float(1.96 * spread), "worst": float(np.abs(values).max())}
-    out["residual"] = float(np.sqrt(np.mean([m["residual"] ** 2 for m in measured])))
-    out["monte_carlo"] = float(np.sqrt(np.mean([m["monte_carlo"] ** 2 for m in measured])))
+def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _Band | str:
+    """The pixels to compare; a reason if the image's border cuts them."""
+    low = _ROUNDING if is_sharp(frame) else _EDGE
+    edge = (seen.coverage > low) & (seen.coverage < 1 - low)
+    wide = np.pad(edge, _BAND_PX)
+    wide = binary_dilation(wide, structure=np.ones((3, 3), dtype=bool), iterations=_BAND_PX)
+    window = np.zeros_like(wide)
+    window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = True
+    rows, columns = np.nonzero(wide & window)
+    rows, columns = rows - _BAND_PX + seen.row0, columns - _BAND_PX + seen.col0
+    height, width = frame.camera.height_px, frame.camera.width_px
+    if len(rows) == 0:
+        return "smaller than a pixel"
+    if rows.min() < 0 or columns.min() < 0 or rows.max() >= height or columns.max() >= width:
+        return "cut by the image's border"
+    observed, spread = (np.asarray(a)[rows, columns].astype(np.float64) for a in (radiance, variance))
+    return _Band(rows, columns, observed, spread, _colour_of(frame, rows, columns))
+
+
+def _pick(predictions: list[Prediction], band: _Band, name: str) -> Array:
+    """One plane of the prediction at the pixels of the band, each by its colour."""
+    out = np.empty(len(band.rows))
+    for colour in np.unique(band.colour):
+        seen = predictions[colour if len(predictions) > 1 else 0]
+        which = band.colour == colour
+        out[which] = getattr(seen, name)[band.rows[which] - seen.row0, band.columns[which] - seen.col0]
     return out
+
+
+def _light(predictions: list[Prediction], band: _Band) -> tuple[Array, Array]:
+    """Smooth light: 1, u, v, u^2, u v, v^2, a colour each, (n, 6 a colour); and what pixels see of it on the print."""
+    half = max(np.ptp(band.rows), np.ptp(band.columns)) / 2
+    u, v = ((a - (a.max() + a.min()) / 2) / half for a in (band.columns, band.rows))
+    one, none = np.ones_like(u), np.zeros_like(u)
+    light = np.stack([one, u, v, u * u, u * v, v * v], axis=1)
+    slope_u = np.stack([none, one, none, 2 * u, v, none], axis=1) / half
+    slope_v = np.stack([none, none, one, none, u, 2 * v], axis=1) / half
+    pattern, dx, dy = (_pick(predictions, band, name)[:, None] for name in ("pattern", "drift_x", "drift_y"))
+    seen = light * pattern + slope_u * dx + slope_v * dy
+    masks = [(band.colour == colour)[:, None] for colour in np.unique(band.colour)]
+    return np.concatenate([light * m for m in masks], axis=1), np.concatenate([seen * m for m in masks], axis=1)
+
+
+def _solve(design: Array, observed: Array, weight: Array) -> Array:
+    root = np.sqrt(weight)
+    # Columns brought to a common size: light that leaves a channel dark must not spoil the others.
+    size = np.maximum(np.linalg.norm(design * root[:, None], axis=0), 1e-300)
+    solution, *_ = np.linalg.lstsq(design * root[:, None] / size, observed * root, rcond=1e-12)
+    return np.asarray(solution / size, dtype=np.float64)
+
+
+def _smooth_variance(band: _Band, light: Array, coverage: Array) -> Array:
+    """Variance of pixels as light and edge explain it; a pixel's own estimate, from 8 replicates, is too wild."""
+    power = light**2 / max(float(np.mean(light**2)), 1e-300)
+    terms = np.stack([np.ones_like(coverage), power, 4 * coverage * (1 - coverage)], axis=1)
+    scale = max(float(band.variance.max()), 1e-300)
+    parts, _ = nnls(terms, band.variance / scale)
+    model = terms @ parts * scale
+    # An edge pixel in a quiet surrounding must not weigh nothing beside it.
+    return np.asarray(np.maximum(model, 0.02 * model.max()), dtype=np.float64)
+
+
+def compare(
+    frame: Frame, predictions: list[Prediction], radiance: NDArray[np.float32], variance: NDArray[np.float32]
+) -> dict[str, Any]:
+    """What `measure_circle` returns, from predictions (one, or one a colour)."""
+    found = _band_of(frame, predictions[0], radiance, variance)
+    if isinstance(found, str):
+        return {"reason": found}
+    band = found
+    coverage = _pick(predictions, band, "coverage")
+    tested = (coverage > _TESTED) & (coverage < 1 - _TESTED)
+    if np.count_nonzero(tested) < _FEWEST:
+        return {"reason": "too few pixels at its edge"}
+    if not np.all(np.isfinite(band.observed)) or not np.all(np.isfinite(band.variance)):
+        return {"reason": "its radiance is not finite"}
+    light, seen = _light(predictions, band)
+    start = _solve(seen, band.observed, np.ones(len(band.observed)))
+    height = abs(predictions[0].step) * float(np.abs(light @ start).mean())
+    if not height > _DARK:
+        return {"reason": "no light falls on it"}
+    model = _smooth_variance(band, seen @ start, coverage)
+    floor = (_PREDICTION_ERROR * height) ** 2
+    weight = 1 / (model + floor)
+    still = _solve(seen, band.observed, weight)
+    slopes = [(light @ still) * _pick(predictions, band, name) for name in ("shift_x", "shift_y", "growth")]
+    design = np.column_stack([seen, *slopes])
+    solution = _solve(design, band.observed, weight)
+    left = band.observed - design @ solution
+    freedom = len(left) - design.shape[1]
+    normal = (design * weight[:, None]).T @ design
+    covariance = np.linalg.pinv(normal) * float(weight @ left**2) / freedom
+    noise = np.maximum(band.variance, 0.1 * model) + floor
+    return {
+        "effect": effect_of(frame),
+        "shift_x_px": float(solution[-3]),
+        "shift_y_px": float(solution[-2]),
+        "scale_px": float(solution[-1]),
+        "shift_se_px": float(np.sqrt(max(covariance[-3, -3], covariance[-2, -2]))),
+        "residual": float(np.sqrt(np.mean(left**2))) / height,
+        "monte_carlo": float(np.sqrt(np.mean(band.variance))) / height,
+        "pixels": len(left),
+        **pixel_test((band.observed - seen @ still)[tested], noise[tested]),
+    }

@@ -24,9 +24,9 @@ JOURNAL = "journal.jsonl"
 TIMINGS = "timings.jsonl"
 
 
-def image_name(frame_id: int) -> str:
-    """Path of a frame's image within the dataset."""
-    return f"images/{frame_id:06d}.png"
+def image_name(frame_id: int, suffix: str = ".png") -> str:
+    """Path of a frame's image within the dataset; `suffix` is .png or .jpg."""
+    return f"images/{frame_id:06d}{suffix}"
 
 
 def radiance_name(frame_id: int) -> str:
@@ -87,6 +87,32 @@ def write_file(path: str | Path, data: bytes) -> None:
     finally:
         if temporary is not None and os.path.exists(temporary):
             os.unlink(temporary)
+
+
+def link_file(source: Path, path: str | Path) -> None:
+    """Give a file that is safe already a second name; where that cannot be (another disk, say), copy it.
+
+    Raises
+    ------
+    DataError
+        If neither can be done.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.link.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.unlink(missing_ok=True)
+        os.link(source, temporary)
+        os.replace(temporary, path)
+        # Two names of one file are left alone by a rename.
+        temporary.unlink(missing_ok=True)
+        _sync_folder(path.parent)
+    except OSError:
+        try:
+            data = source.read_bytes()
+        except OSError as error:
+            raise DataError(f"{source}: cannot read: {error.strerror or error}") from error
+        write_file(path, data)
 
 
 def append_line(path: str | Path, line: str) -> None:

@@ -12,7 +12,8 @@ import pyarrow as pa
 import yaml
 
 from roundel.datasets import files, journal
-from roundel.datasets.fidelity import summarise
+from roundel.datasets.fidelity_summary import summarise
+from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
 from roundel.datasets.truth_table import POINTS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.scenes.camera import camera_to_json
 from roundel.scenes.edge_points import edge_points_of
@@ -55,12 +56,14 @@ def _json(value: Any) -> bytes:
     return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
 
 
-def camera_record(frame: Frame) -> dict[str, Any]:
+def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
     """A frame's entry in cameras.json: what a solver may know. No pose, no truth."""
     mode = frame.settings.mode
     record: dict[str, Any] = {"frame_id": frame.frame_id, "group": frame.group, "mode": mode}
     if mode == "images":
-        record["image"] = files.image_name(frame.frame_id)
+        record["image"] = files.image_name(frame.frame_id, frame.settings.sensor.image_suffix)
+    if entry is not None:
+        record["sensor"] = entry["sensor"]
     record.update(camera_to_json(frame.camera))
     record["markers"] = [
         {
@@ -74,22 +77,33 @@ def camera_record(frame: Frame) -> dict[str, Any]:
     return record
 
 
-def finish_dataset(study: Study, dataset: Path, entries: dict[int, journal.Entry], environment: dict[str, Any]) -> None:
-    """Write tables, cameras, sorted journal, and the manifest last: the same bytes in any order of work."""
+def finish_dataset(
+    study: Study,
+    dataset: Path,
+    entries: dict[int, journal.Entry],
+    environment: dict[str, Any],
+    developed_from: str | None = None,
+) -> None:
+    """Write tables, cameras, sorted journal, and the manifest last: the same bytes in any order of work.
+
+    `developed_from` is the dataset_id of the dataset whose radiance was developed, if nothing was rendered here.
+    """
     rows: list[dict[str, Any]] = []
     cameras: list[dict[str, Any]] = []
     points: dict[str, list[Any]] = {name: [] for name in POINTS_SCHEMA.names}
     for frame in frames_of(study):
-        photometry = entries.get(frame.frame_id, {}).get("photometry", {})
+        entry = entries.get(frame.frame_id, {})
+        photometry = entry.get("photometry", {})
         for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
-            rows.append({**row, **photometry.get(str(part.marker_id), {})})
-            if frame.settings.mode == "points":
+            flags = ",".join(marker_flags(entry.get("flags", ()), row["visible_fraction"]))
+            rows.append({**row, **photometry.get(str(part.marker_id), {}), "flags": flags})
+            if frame.settings.mode == "points" and part.radius_m is not None:
                 xy = edge_points_of(frame, part)
                 points["frame_id"] += [frame.frame_id] * len(xy)
                 points["marker_id"] += [part.marker_id] * len(xy)
                 points["x_px"] += xy[:, 0].tolist()
                 points["y_px"] += xy[:, 1].tolist()
-        cameras.append(camera_record(frame))
+        cameras.append(camera_record(frame, entries.get(frame.frame_id)))
     table = truth_table(rows)
     written = {
         files.STUDY: study_bytes(study),
@@ -124,8 +138,11 @@ def finish_dataset(study: Study, dataset: Path, entries: dict[int, journal.Entry
             "images": len(entries),
             "markers": len(rows),
             "groups": {name: sum(c["group"] == name for c in cameras) for name in study.groups},
+            "flags": count_flags(flags_of_rows(rows)),
         },
         "fidelity": summarise(measured),
         "files": dict(sorted(listed.items())),
     }
+    if developed_from is not None:
+        manifest["developed_from"] = developed_from
     files.write_file(dataset / files.MANIFEST, _json(manifest))

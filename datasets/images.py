@@ -50,7 +50,7 @@ class Images:
         return list(self.records[i]["markers"])
 
     def image(self, i: int) -> NDArray[Any]:
-        """Image (H, W) uint8 or uint16.
+        """Image (H, W) or (H, W, 3), uint8 or uint16.
 
         Raises
         ------
@@ -65,6 +65,27 @@ class Images:
                 f"{path}: {image.shape[1]}x{image.shape[0]} px, but its camera has {expected[1]}x{expected[0]}"
             )
         return image
+
+    def linear_image(self, i: int) -> tuple[NDArray[Any], float | None]:
+        """The image with its sensor's curve undone, in the file's range, and the level at which its pixels saturate.
+
+        An edge is a step of light. Behind a curve its middle is not the mean of its sides, and a circle found there is
+        some tenths of a pixel too large or too small. The level is None where no sensor is recorded.
+        """
+        image, sensor = self.image(i), self.records[i].get("sensor")
+        if sensor is None:
+            return image, None
+        saturation = float(sensor["saturation_dn"])
+        if sensor["curve"] == "linear":
+            return image, saturation
+        top = float((2 ** sensor["bits"] - 1) << sensor["stored_shift"])
+        level = np.arange(np.iinfo(image.dtype).max + 1) / top
+        if sensor["curve"] == "srgb":
+            # IEC 61966-2-1, the other way round.
+            linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+        else:
+            linear = level ** float(sensor["gamma"])
+        return np.asarray(top * linear)[image], top * float(linear[round(saturation)])
 
     def points(self, i: int) -> dict[int, NDArray[np.float64]]:
         """Edge points {marker_id: (N, 2)} in image pixels, of a frame in points mode."""
@@ -141,7 +162,9 @@ def open_images(path: str | Path) -> Images:
     if not (path / files.MANIFEST).is_file():
         unfinished = (path / files.JOURNAL).is_file() or (path / files.STUDY).is_file()
         hint = (
-            "it is not finished: run the same `roundel render` again" if unfinished else f"it has no {files.MANIFEST}"
+            "it is not finished: run the same `roundel render` or `develop` again"
+            if unfinished
+            else f"it has no {files.MANIFEST}"
         )
         raise DataError(f"{path}: not a dataset to read: {hint}")
     file = path / files.CAMERAS

@@ -1,7 +1,7 @@
 """Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance beside it.
 
 Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres (0: nothing was hit),
-`coverage.<marker_id>`.
+`coverage.<marker_id>`, `noise_dn` standard deviation of the developed pixel.
 """
 
 from __future__ import annotations

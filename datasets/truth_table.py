@@ -49,6 +49,7 @@ TRUTH_SCHEMA = pa.schema(
         ("edge_blur_px", _F),
         *_matrix("open_camera_from_marker"),
         *_matrix("close_camera_from_marker"),
+        ("flags", pa.string()),
     ]
 )
 

@@ -37,12 +37,12 @@ def _check_file(path: Path, name: str, size: int, digest: str, full: bool) -> st
         return f"{file.stat().st_size} bytes, the manifest says {size}; run `roundel render` again to restore it"
     if full and _digest(file) != digest:
         return "its sha256 differs from the manifest's; delete it and run `roundel render` again"
-    if full and name.endswith((".png", ".exr")):
+    if full and name.endswith((".png", ".jpg", ".exr")):
         try:
-            if name.endswith(".png"):
-                read_image(file)
-            else:
+            if name.endswith(".exr"):
                 read_radiance(file)
+            else:
+                read_image(file)
         except DataError as error:
             return str(error).removeprefix(f"{file}: ")
     return None

@@ -25,6 +25,10 @@ _REMEDY = (
 )
 
 
+# Variants that know our ink already: each has plugins of its own.
+_with_ink: set[str] = set()
+
+
 class BackendError(RoundelError):
     """The renderer cannot start here; the message names the remedy."""
 
@@ -122,11 +126,11 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
             mi.set_variant(variant)
         except (ImportError, RuntimeError) as error:
             raise BackendError(f"Mitsuba cannot start {variant}: {str(error).splitlines()[0]}; {_REMEDY}") from error
+    if variant not in _with_ink:
         from roundel.render.ink import register_ink
-        from roundel.render.sensor_rays import register_sensor
 
         register_ink(mi)
-        register_sensor(mi)
+        _with_ink.add(variant)
     if threads is not None:
         import drjit as dr
 

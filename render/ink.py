@@ -1,8 +1,8 @@
 """The ink plugin: a Mitsuba texture that evaluates a sheet's shapes analytically, ray by ray.
 
-No texels, no tessellation: whether a ray meets ink is decided by the same inequalities as
-`roundel.scenes.marker.reflectance_at`. The plugin reads the hit point, not the texture coordinates, so the wall may be
-large without costing the marker any digits.
+No texels, no tessellation: how a point reflects is decided by the same inequalities as
+`roundel.scenes.ink_pattern.reflectance_at`. The plugin reads the hit point, not the texture coordinates, so the wall
+may be large without costing the marker any digits.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.marker import Disc, Sheet
+from roundel.render.ink_shapes import clutter_of, cover_of, grain_of
+from roundel.scenes.marker import Sheet
 
 NAME = "roundel_ink"
 
@@ -22,7 +23,7 @@ def register_ink(mi: Any) -> None:
     import drjit as dr
 
     class Ink(mi.Texture):  # type: ignore[misc]
-        """Reflectance of a printed sheet before a wall."""
+        """Reflectance of a printed sheet before a wall. Call `paint` before use."""
 
         def __init__(self, props: Any) -> None:
             mi.Texture.__init__(self, props)
@@ -39,14 +40,11 @@ def register_ink(mi: Any) -> None:
             self.origin = [number(v) for v in origin]
             self.low, self.high = [number(v) for v in sheet.low_m], [number(v) for v in sheet.high_m]
             self.paper, self.wall = number(sheet.paper), number(sheet.wall)
-            self.shapes: list[tuple[Any, ...]] = []
-            for shape in sheet.shapes:
-                x, y, reflectance = number(shape.x_m), number(shape.y_m), number(shape.reflectance)
-                if isinstance(shape, Disc):
-                    self.shapes.append(("disc", x, y, reflectance, number(shape.radius_m)))
-                else:
-                    counts = number(shape.columns + 1.0), number(shape.rows + 1.0)
-                    self.shapes.append(("checker", x, y, reflectance, number(shape.square_m), *counts))
+            self.soft = sheet.edge_softness_m > 0
+            self.shapes = [(cover_of(mi, s, sheet.edge_softness_m), number(s.reflectance)) for s in sheet.shapes]
+            self.grain = (grain_of(mi, sheet.grain_m, sheet.seed), number(sheet.grain)) if sheet.grain > 0 else None
+            clutter = sheet.clutter
+            self.clutter = (clutter_of(mi, clutter, sheet.seed), number(clutter.contrast)) if clutter else None
 
         def in_plane(self, point: Any) -> tuple[Any, Any]:
             """Coordinates in the sheet's plane, metres, of points on it."""
@@ -55,29 +53,35 @@ def register_ink(mi: Any) -> None:
             y = d[0] * self.y_axis[0] + d[1] * self.y_axis[1] + d[2] * self.y_axis[2]
             return x, y
 
-        def _reflectance(self, point: Any) -> Any:
-            x, y = self.in_plane(point)
-            on_sheet = (x > self.low[0]) & (x < self.high[0]) & (y > self.low[1]) & (y < self.high[1])
-            value = dr.select(on_sheet, self.paper, self.wall)
-            for kind, sx, sy, reflectance, *numbers in self.shapes:
-                u, v = x - sx, y - sy
-                if kind == "disc":
-                    inside = u * u + v * v < numbers[0] * numbers[0]
+        def reflectance(self, point: Any) -> Any:
+            """Reflectance at points of the world, which lie in the sheet's plane."""
+            return self.reflectance_at(*self.in_plane(point))
+
+        def reflectance_at(self, x: Any, y: Any) -> Any:
+            """Reflectance at points of the sheet's plane, metres."""
+            value = self.paper
+            for cover, reflectance in self.shapes:
+                covered = cover(x, y)
+                if self.soft:
+                    value = (1 - covered) * value + covered * reflectance
                 else:
-                    square, columns, rows = numbers
-                    column = dr.floor(u / square + columns / 2)
-                    row = dr.floor(rows / 2 - v / square)
-                    on_board = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-                    odd = (mi.Int32(column) + mi.Int32(row)) & 1
-                    inside = on_board & (odd == 0)
-                value = dr.select(inside, reflectance, value)
-            return value
+                    value = dr.select(covered, reflectance, value)
+            if self.grain is not None:
+                grain, amount = self.grain
+                value = dr.clip(value * (1 + amount * grain(x, y)), 0, 1)
+            wall = self.wall
+            if self.clutter is not None:
+                clutter, contrast = self.clutter
+                inside, level = clutter(x, y)
+                wall = dr.select(inside, dr.clip(wall + contrast * level, 0, 1), wall)
+            on_sheet = (x > self.low[0]) & (x < self.high[0]) & (y > self.low[1]) & (y < self.high[1])
+            return dr.select(on_sheet, value, wall)
 
         def eval(self, si: Any, active: Any = True) -> Any:
-            return mi.UnpolarizedSpectrum(self._reflectance(si.p))
+            return mi.UnpolarizedSpectrum(self.reflectance(si.p))
 
         def eval_1(self, si: Any, active: Any = True) -> Any:
-            return self._reflectance(si.p)
+            return self.reflectance(si.p)
 
         def mean(self) -> Any:
             return self.paper

@@ -1,4 +1,4 @@
-"""A frame to linear radiance: our own rays, Mitsuba's light transport, mean and variance a pixel.
+"""A frame to linear radiance: our own rays, light transport, mean and variance a pixel.
 
 Each pixel is estimated by 8 independently stratified replicates. Their scatter is the variance of the estimate; the
 scatter of single stratified samples would overstate it (five times at an edge).
@@ -7,22 +7,33 @@ scatter of single stratified samples would overstate it (five times at an edge).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.render.samples import sample_map
-from roundel.render.scene import build_scene
+from roundel.render.rays import Optics, colour_index, colours_of, optics_of, shoot
+from roundel.render.samples import counts_of, sample_map
+from roundel.render.scene import build_scene, trace_built
+from roundel.render.transport import is_plain, plain_scene, trace
 from roundel.scenes.frame import Frame
+from roundel.scenes.marker import Part
 
 REPLICATES = 8
 
 # Rays in flight at once: some 50 MB a million.
 _CHUNK = 4_000_000
 
+# Streams of random numbers: the pilot's must not be the picture's.
+_PILOT, _PICTURE = 0, 1
+
 Array32 = NDArray[np.float32]
+
+# From a sampler and rays: radiance, depth, whether the plane of the sheet is met, and where on it (x, y), in metres.
+Traced = tuple[Any, Any, Any, Any, Any]
+Tracer = Callable[[Any, Any], Traced]
 
 
 @dataclass(frozen=True)
@@ -40,29 +51,35 @@ class Radiance:
 
 
 def render_radiance(mi: Any, frame: Frame) -> Radiance:
-    """Render a frame: the bands of the edges with many samples a pixel, what is left with few."""
-    built = build_scene(mi, frame)
+    """Render a frame: each pixel with as many rays as its target error asks for."""
+    import drjit as dr
+
+    optics, tracer = optics_of(dr, mi, frame), _tracer(dr, mi, frame)
     height, width = frame.camera.height_px, frame.camera.width_px
-    samples = sample_map(frame).ravel()
-    planes = np.zeros((3 + len(frame.sheet.parts), height * width), dtype=np.float32)
-    for i, count in enumerate(np.unique(samples)):
+    parts = frame.sheet.parts
+
+    def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Part, ...] = parts) -> Array32:
+        # Each count of samples has a stream of random numbers of its own.
+        seed = (frame.ray_seed ^ (0x9E3779B9 * (2 * samples + purpose))) & 0xFFFFFFFF
+        return _estimate(dr, mi, frame, optics, tracer, pixels, samples, seed, what)
+
+    plan = sample_map(frame)
+    samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
+    planes = np.zeros((3 + len(parts), height * width), dtype=np.float32)
+    for count in np.unique(samples):
         pixels = np.flatnonzero(samples == count)
-        # Each kind of pixel has a stream of random numbers of its own.
-        seed = (frame.ray_seed ^ (0x9E3779B9 * i)) & 0xFFFFFFFF
-        planes[:, pixels] = _trace(mi, frame, built, pixels, int(count), seed)
+        planes[:, pixels] = estimate(pixels, int(count), _PICTURE)
     shaped = planes.reshape(len(planes), height, width)
-    coverage = {part.marker_id: shaped[3 + i] for i, part in enumerate(frame.sheet.parts)}
+    coverage = {part.marker_id: shaped[3 + i] for i, part in enumerate(parts)}
     return Radiance(shaped[0], shaped[1], shaped[2], coverage)
 
 
-def _trace(
-    mi: Any, frame: Frame, built: tuple[Any, Any, Any], pixels: NDArray[np.int64], samples: int, seed: int
-) -> Array32:
-    """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
-    per_chunk = max(1, _CHUNK // samples)
-    chunks = [pixels[i : i + per_chunk] for i in range(0, len(pixels), per_chunk)]
-    out = [_trace_chunk(mi, frame, built, chunk, samples, (seed + i) & 0xFFFFFFFF) for i, chunk in enumerate(chunks)]
-    return np.concatenate(out, axis=1)
+def _tracer(dr: Any, mi: Any, frame: Frame) -> Tracer:
+    if is_plain(frame):
+        plain = plain_scene(dr, mi, frame)
+        return lambda sampler, ray: trace(dr, mi, plain, sampler, ray)
+    built = build_scene(mi, frame)
+    return lambda sampler, ray: trace_built(built, sampler, ray)
 
 
 def _multijitter_count(samples: int) -> int:
@@ -71,35 +88,53 @@ def _multijitter_count(samples: int) -> int:
     return side * math.ceil(samples / side)
 
 
-def _trace_chunk(
-    mi: Any, frame: Frame, built: tuple[Any, Any, Any], pixels: NDArray[np.int64], samples: int, seed: int
+def _estimate(
+    dr: Any,
+    mi: Any,
+    frame: Frame,
+    optics: Optics,
+    tracer: Tracer,
+    pixels: NDArray[np.int64],
+    samples: int,
+    seed: int,
+    parts: tuple[Part, ...],
 ) -> Array32:
-    import drjit as dr
-
-    scene, integrator, sensor = built
+    """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
     per_replicate = _multijitter_count(samples // REPLICATES)
+    per_chunk = max(1, _CHUNK // (per_replicate * REPLICATES))
+    out = []
+    for i, start in enumerate(range(0, len(pixels), per_chunk)):
+        chunk = pixels[start : start + per_chunk]
+        out.append(_chunk(dr, mi, frame, optics, tracer, chunk, per_replicate, (seed + i) & 0xFFFFFFFF, parts))
+    return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
+
+
+def _chunk(
+    dr: Any,
+    mi: Any,
+    frame: Frame,
+    optics: Optics,
+    tracer: Tracer,
+    pixels: NDArray[np.int64],
+    per_replicate: int,
+    seed: int,
+    parts: tuple[Part, ...],
+) -> Array32:
     samples = per_replicate * REPLICATES
     rays = len(pixels) * samples
     sampler = mi.load_dict({"type": "multijitter", "sample_count": per_replicate})
     sampler.set_samples_per_wavefront(per_replicate)
     sampler.seed(dr.opaque(mi.UInt32, seed), rays)
 
-    entry = dr.arange(mi.UInt32, rays) // samples
+    entry = dr.arange(mi.UInt32, rays) // dr.opaque(mi.UInt32, samples)
     index = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), entry)
     width = dr.opaque(mi.UInt32, frame.camera.width_px)
     row = index // width
     column = index - row * width
-    jitter = sampler.next_2d()
-    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0.5)
-    # A pixel reaches half a pixel to each side of its centre, which stands at whole numbers.
-    ray = mi.RayDifferential3f(
-        sensor.rays(mi.Float(column) + (jitter.x - 0.5), mi.Float(row) + (jitter.y - 0.5), mi.Float(0.0), aperture)
-    )
-    value, _, _ = integrator.sample(scene, sampler, ray)
-    hit = scene.ray_intersect(ray)
-    on_plane = hit.is_valid()
-    quantities = [value[0], dr.select(on_plane, hit.p.z, 0.0)]
-    quantities += [mi.Float(_covers(dr, mi, frame, part, hit) & on_plane) for part in frame.sheet.parts]
+    ray, weight = shoot(dr, mi, optics, column, row, sampler)
+    radiance, depth, on_plane, x_m, y_m = tracer(sampler, ray)
+    quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, dr.select(on_plane, depth, 0.0)]
+    quantities += [mi.Float(_covers(dr, mi, part, x_m, y_m) & on_plane) for part in parts]
     # Evaluated together: left to itself each sum would trace all the rays again.
     dr.eval(quantities)
     mean, *others = (dr.block_sum(q, samples) / samples for q in quantities)
@@ -108,13 +143,20 @@ def _trace_chunk(
     return np.stack([np.array(plane, dtype=np.float32) for plane in (mean, variance, *others)])
 
 
-def _covers(dr: Any, mi: Any, frame: Frame, part: Any, hit: Any) -> Any:
-    """Whether a hit point lies within a part's print."""
-    pose = frame.camera_from_part(part)
-    x_axis, y_axis, origin = ([dr.opaque(mi.Float, float(v)) for v in pose[:3, i]] for i in (0, 1, 3))
-    d = [hit.p.x - origin[0], hit.p.y - origin[1], hit.p.z - origin[2]]
-    x = d[0] * x_axis[0] + d[1] * x_axis[1] + d[2] * x_axis[2]
-    y = d[0] * y_axis[0] + d[1] * y_axis[1] + d[2] * y_axis[2]
+def _through_filter(dr: Any, mi: Any, frame: Frame, radiance: Any, column: Any, row: Any) -> Any:
+    """What a pixel's own colour filter lets through of the radiance."""
+    mosaic = frame.settings.sensor.mosaic
+    if len(radiance) == 1:
+        return radiance[0]
+    if mosaic == "none":
+        return mi.luminance(radiance)
+    colour = colour_index(mi, dr, mi.UInt32(colours_of(mosaic)), column, row)
+    return dr.select(colour == 0, radiance[0], dr.select(colour == 1, radiance[1], radiance[2]))
+
+
+def _covers(dr: Any, mi: Any, part: Part, x_m: Any, y_m: Any) -> Any:
+    """Whether points of the sheet's plane lie within a part's print."""
+    x, y = x_m - dr.opaque(mi.Float, part.x_m), y_m - dr.opaque(mi.Float, part.y_m)
     half_w, half_h = (dr.opaque(mi.Float, v) for v in part.half_size_m())
     if part.radius_m is not None:
         return x * x + y * y < half_w * half_w

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -13,29 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from roundel.datasets import files, journal
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.fidelity import measure_circle
-from roundel.datasets.finish import finish_dataset, study_bytes
+from roundel.datasets.finish import finish_dataset
 from roundel.datasets.radiance import encode_radiance
+from roundel.datasets.resume import prepare, record, reopen
 from roundel.render.backend import DEFAULT_VARIANT, environment, start
-from roundel.render.develop import develop, edge_photometry, exposure_of, metered
-from roundel.scenes.errors import DataError, RoundelError, UsageError
+from roundel.render.develop import develop
+from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
+from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
 from roundel.scenes.study import Study, load_study
 
 Progress = Callable[[int, int], None]
-
-
-def png_bytes(image: NDArray[Any]) -> bytes:
-    """A grey image as PNG."""
-    from PIL import Image
-
-    sink = io.BytesIO()
-    Image.fromarray(image).save(sink, format="PNG", compress_level=4)
-    return sink.getvalue()
 
 
 def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, dict[str, float]]:
@@ -44,7 +34,7 @@ def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, d
     Returns
     -------
     entry : dict
-        The frame's journal line: files with checksums, exposure, photometry, fidelity.
+        The frame's journal line, see `frame_files.entry_of`.
     seconds : dict
         What the clock saw, for timings.jsonl.
     """
@@ -53,35 +43,22 @@ def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, d
     clock = [time.perf_counter()]
     radiance = render_radiance(mi, frame)
     clock.append(time.perf_counter())
-    sensor = frame.settings.sensor
-    exposure_e = exposure_of(metered(frame, radiance.mean), sensor)
-    image = develop(radiance.mean, exposure_e, sensor, frame.noise_seed)
-    circles = [part for part in frame.sheet.parts if part.radius_m is not None]
-    photometry = {
-        str(part.marker_id): edge_photometry(radiance.mean, radiance.coverage[part.marker_id], exposure_e, sensor)
-        for part in circles
-    }
+    developed = develop(frame, radiance.mean)
+    planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
+    planes |= {coverage_channel(marker_id): plane for marker_id, plane in radiance.coverage.items()}
     fidelity = {
-        str(part.marker_id): measure_circle(frame, part.marker_id, radiance.mean, radiance.variance) for part in circles
+        str(part.marker_id): measure_circle(frame, part.marker_id, radiance.mean, radiance.variance)
+        for part in frame.sheet.parts
+        if part.radius_m is not None
     }
-    written = {files.image_name(frame.frame_id): png_bytes(image)}
+    written = image_file(frame, developed)
     if frame.settings.render.radiance:
-        planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
-        planes |= {f"coverage.{marker_id}": plane for marker_id, plane in radiance.coverage.items()}
-        written[files.radiance_name(frame.frame_id)] = encode_radiance(planes)
+        noise = {"noise_dn": developed.noise_dn(radiance.mean)}
+        written[files.radiance_name(frame.frame_id)] = encode_radiance(planes | noise)
     clock.append(time.perf_counter())
-    for name, data in written.items():
-        files.write_file(dataset / name, data)
+    listed = write_frame(dataset, written)
     clock.append(time.perf_counter())
-    entry = {
-        "frame_id": frame.frame_id,
-        "group": frame.group,
-        "files": {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()},
-        "exposure_e": exposure_e,
-        "saturated_fraction": float(np.mean(image == 2**sensor.bits - 1)),
-        "photometry": photometry,
-        "fidelity": fidelity,
-    }
+    entry = entry_of(frame, developed, planes, fidelity, listed)
     render, encode, write = np.diff(clock)
     return entry, {"render_s": float(render), "encode_s": float(encode), "write_s": float(write)}
 
@@ -123,31 +100,6 @@ def _rendered(
             raise DataError("a rendering process died; run again to go on") from error
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-def _prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
-    """The folder, made ready: the journal's entries whose files are there. Refuses another study's dataset."""
-    if dataset.exists() and not dataset.is_dir():
-        raise UsageError(f"{dataset}: is a file; name a folder for the dataset")
-    held = dataset / files.STUDY
-    if held.is_file():
-        try:
-            digest = load_study(held).digest()
-        except RoundelError as error:
-            raise DataError(f"{held}: corrupt ({error}); name another folder, or remove this one") from error
-        if digest != study.digest():
-            raise UsageError(
-                f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, not {study.digest()[:12]}); "
-                "name another folder, remove this one, or restore the study"
-            )
-    elif dataset.is_dir() and any(dataset.iterdir()):
-        raise UsageError(f"{dataset}: is not empty and no dataset; name another folder")
-    else:
-        files.write_file(held, study_bytes(study))
-    for folder in (dataset, dataset / "images", dataset / "radiance"):
-        for leftover in folder.glob(".*.part"):
-            leftover.unlink()
-    return {i: entry for i, entry in journal.read(dataset).items() if journal.is_done(dataset, entry)}
 
 
 def render_study(
@@ -202,20 +154,14 @@ def render_study(
         # Every frame is placed before the first is rendered: a study that cannot be finished is refused now.
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)
-    entries = _prepare(study, dataset)
+    entries = prepare(study, dataset)
     missing = [i for i in wanted if i not in entries]
     if missing:
-        # What follows changes files that the manifest vouches for.
-        (dataset / files.MANIFEST).unlink(missing_ok=True)
-        if len(entries) < len(journal.read(dataset)):
-            journal.rewrite(dataset, entries)
+        reopen(dataset, entries)
     if progress:
         progress(len(wanted) - len(missing), len(wanted))
     for count, (entry, seconds) in enumerate(_rendered(study, dataset, missing, jobs, variant, threads), start=1):
-        journal.append(dataset, entry)
-        entries[entry["frame_id"]] = entry
-        line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})
-        files.append_line(dataset / files.TIMINGS, line)
+        record(dataset, entries, entry, seconds)
         if progress:
             progress(len(wanted) - len(missing) + count, len(wanted))
     if images - set(entries):

@@ -1,57 +1,99 @@
-"""A frame as a Mitsuba scene: one plane that carries sheet and wall, an environment, area lights."""
+"""A frame as a Mitsuba scene: one plane that carries sheet and wall, lights, and what stands before the print.
+
+World coordinates are the camera frame at time 0. Every frame can be built so; a plain one is faster in closed form
+(`roundel.render.transport`).
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from roundel.render import ink, sensor_rays
+from roundel.render import ink
+from roundel.render.lights import emitters, unit_of
+from roundel.render.matter import occluders, placed_opaquely, surface
 from roundel.scenes.frame import Frame
 
 # The wall reaches this many marker distances to each side; beyond it the environment is seen.
 WALL_DISTANCES = 4.0
 
 
-def build_scene(mi: Any, frame: Frame) -> tuple[Any, Any, Any]:
+@dataclass(frozen=True)
+class Built:
+    """A frame as Mitsuba objects.
+
+    `texture` is the ink, `plane` points to the shape of sheet and wall, `unit` is the radiance that the scene counts
+    as 1.
+    """
+
+    scene: Any
+    integrator: Any
+    texture: Any
+    plane: Any
+    unit: Any
+
+
+def build_scene(mi: Any, frame: Frame) -> Built:
     """Assemble a frame.
+
+    Raises
+    ------
+    DataError
+        If its environment map cannot be read.
+    UsageError
+        If it has a sky, and the current variant has no colours.
+    """
+    import drjit as dr
+
+    texture = mi.load_dict({"type": ink.NAME})
+    texture.paint(frame.sheet, frame.camera_from_sheet)
+    half = WALL_DISTANCES * float(np.linalg.norm(frame.camera_from_sheet[:3, 3]))
+    plane = placed_opaquely(
+        mi,
+        {
+            "type": "rectangle",
+            "to_world": mi.ScalarTransform4f(frame.camera_from_sheet) @ mi.ScalarTransform4f().scale([half, half, 1.0]),
+            "print": surface(frame.settings.marker.surface, texture),
+        },
+    )
+    scene = mi.load_dict({"type": "scene", "plane": plane, **occluders(mi, frame), **emitters(mi, frame)})
+    # The pointer is another one in each frame; the kernel should not be.
+    pointer = mi.ShapePtr(plane)
+    dr.make_opaque(pointer)
+    return Built(scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
+
+
+def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Radiance along rays, by Mitsuba's integrator.
 
     Returns
     -------
-    scene, integrator, sensor
-        Mitsuba objects; world coordinates are the camera frame.
+    radiance : Spectrum
+    depth : Float
+        Z of what the ray meets first, metres.
+    on_plane : Bool
+        Whether that is the print or the wall, and not a thing before them.
+    x, y : Float
+        Where on the print's plane, metres.
     """
-    texture = mi.load_dict({"type": ink.NAME})
-    texture.paint(frame.sheet, frame.camera_from_sheet)
-    # The rays are ours and no film develops them; one of the smallest size keeps Mitsuba content.
-    film = {"type": "hdrfilm", "width": 1, "height": 1, "pixel_format": "luminance"}
-    sensor = mi.load_dict({"type": sensor_rays.NAME, "film": film})
-    sensor.look_through(frame.camera)
+    radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
+    hit = built.scene.ray_intersect(ray)
+    on_plane = hit.is_valid() & (hit.shape == built.plane)
+    return radiance * built.unit, hit.p.z, on_plane, *built.texture.in_plane(hit.p)
 
-    half = WALL_DISTANCES * float(np.linalg.norm(frame.camera_from_sheet[:3, 3]))
-    to_world = mi.ScalarTransform4f(frame.camera_from_sheet) @ mi.ScalarTransform4f().scale([half, half, 1.0])
-    light = frame.settings.light
-    objects: dict[str, Any] = {
-        "type": "scene",
-        "plane": {"type": "rectangle", "to_world": to_world, "print": {"type": "diffuse", "reflectance": texture}},
-    }
-    for i, lamp in enumerate(light.lamps):
-        position = np.array(lamp.position_m, dtype=np.float64)
-        aim = frame.camera_from_sheet[:3, 3]
-        toward = aim - position
-        # Any vector that is not along the line of sight will do as the square's upright.
-        up = [0.0, -1.0, 0.0] if abs(toward[1]) < 0.9 * np.linalg.norm(toward) else [0.0, 0.0, 1.0]
-        placed = mi.ScalarTransform4f().look_at(origin=position.tolist(), target=aim.tolist(), up=up)
-        objects[f"lamp_{i}"] = {
-            "type": "rectangle",
-            "to_world": placed @ mi.ScalarTransform4f().scale(lamp.size_m / 2),
-            "emitter": {"type": "area", "radiance": lamp.radiance},
-        }
-    # The environment is left to the reflected rays: they always find it, without noise. Lamps are sampled.
-    environment: dict[str, Any] = {"type": "constant", "radiance": light.environment}
-    if light.lamps:
-        environment["sampling_weight"] = 0.0
-    objects["environment"] = environment
-    samples = {"emitter_samples": 1 if light.lamps else 0, "bsdf_samples": 1}
-    integrator = mi.load_dict({"type": "direct", **samples})
-    return mi.load_dict(objects), integrator, sensor
+
+def _integrator(frame: Frame) -> dict[str, Any]:
+    light, bounces = frame.settings.light, frame.settings.render.bounces
+    is_matte = frame.settings.marker.surface.kind == "matte"
+    if bounces > 1:
+        # Every path has its full length: Russian roulette would add noise.
+        return {"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2}
+    if light.sky is not None and not light.lamps:
+        # Sun and sky are best looked for several times: the same error in a quarter of the time (measured). With a
+        # point or a spot it must be once: for more, Mitsuba 3.9.1 counts such a lamp as often as it is looked for.
+        return {"type": "direct", "emitter_samples": 4, "bsdf_samples": 0 if is_matte else 1}
+    # A constant environment alone is found by every reflected ray; looking for it besides would only add noise.
+    only_constant = not light.lamps and light.map is None
+    return {"type": "direct", "emitter_samples": 0 if only_constant else 1, "bsdf_samples": 1}

@@ -1,4 +1,4 @@
-"""The camera: intrinsics, OpenCV's five-coefficient distortion and the thin lens, in float64.
+"""The camera: intrinsics, the lens model and the thin lens, in float64.
 
 Camera frame: x right, y down, z forward. Pixels: the centre of the top-left pixel is (0, 0).
 """
@@ -13,12 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.errors import DataError
+from roundel.scenes.lens_fisheye import direction as fisheye_direction
+from roundel.scenes.lens_fisheye import distort as fisheye_distort
+from roundel.scenes.lens_fisheye import undistort as fisheye_undistort
+from roundel.scenes.lens_opencv import distort as opencv_distort
+from roundel.scenes.lens_opencv import undistort as opencv_undistort
 
 Array = NDArray[np.float64]
 
-# Newton's method doubles its digits a step: from the distorted point itself, within any invertible
-# field, eight steps reach the last bit; the loop ends earlier when nothing moves.
-_NEWTON_STEPS = 20
+# How many coefficients each lens model takes (OpenCV, module calib3d; module calib3d, "Fisheye camera model").
+COEFFICIENTS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,8 @@ class Camera:
     K : (3, 3) array
         Calibration matrix at focus, in pixels, upper triangular, K[2, 2] = 1.
     distortion : tuple of float
-        OpenCV's coefficients in OpenCV's order; empty for none.
+        Coefficients of the model in OpenCV's order (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, the tilts in radians;
+        fisheye: k1 k2 k3 k4); empty for none.
     aperture_radius_m : float
         Radius of the thin lens's aperture; 0 is a pinhole.
     focus_distance_m : float
@@ -91,64 +96,58 @@ def focal_at_focus_px(focal_mm: float, focus_distance_m: float, pixel_pitch_um: 
     return image_distance_mm * 1e3 / pixel_pitch_um
 
 
-def _coefficients(camera: Camera) -> tuple[float, float, float, float, float]:
-    d = camera.distortion
-    if len(d) not in (0, 4, 5):
-        raise ValueError(f"distortion has {len(d)} coefficients; give k1, k2, p1, p2 and perhaps k3")
-    k1, k2, p1, p2, k3 = (*d, 0.0) if len(d) == 4 else (d or (0.0,) * 5)
-    return k1, k2, p1, p2, k3
+def distorts(camera: Camera) -> bool:
+    """Whether image and undistorted pixels differ. A fisheye without any coefficient still bends: theta_d = theta.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown, or takes another number of coefficients.
+    """
+    problem = lens_problem(camera.distortion_model, camera.distortion)
+    if problem:
+        raise ValueError(problem)
+    return camera.distortion_model == "fisheye" or any(camera.distortion)
 
 
-def distort_normalised(distortion: tuple[float, ...], xy: Array) -> tuple[Array, Array]:
-    """Brown-Conrady distortion of normalised coordinates, and its Jacobian.
+def lens_problem(model: str, distortion: tuple[float, ...]) -> str:
+    """What is wrong with a lens model, in one clause; empty if nothing is."""
+    if model not in COEFFICIENTS:
+        return f"distortion_model {model!r} is unknown; use {' or '.join(COEFFICIENTS)}"
+    counts = COEFFICIENTS[model]
+    if len(distortion) not in counts:
+        return f"distortion has {len(distortion)} coefficients; {model} takes {', '.join(map(str, counts))}"
+    return "" if np.all(np.isfinite(distortion)) else "distortion has a coefficient that is not finite"
 
-    Source: OpenCV, module calib3d, "Detailed description" (k1, k2, p1, p2, k3).
+
+def distort_normalised(camera: Camera, xy: ArrayLike) -> tuple[Array, Array]:
+    """Where the lens images normalised coordinates, and the Jacobian.
+
+    Parameters
+    ----------
+    camera : Camera
+    xy : (..., 2) array_like
 
     Returns
     -------
     distorted : (..., 2) array
     jacobian : (..., 2, 2) array
-        d distorted / d xy.
+        d distorted / d xy. Both are NaN outside the lens's field (see `distort_px`).
     """
-    k1, k2, p1, p2, k3 = (tuple(distortion) + (0.0,) * 5)[:5]
-    x, y = xy[..., 0], xy[..., 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d(r2), doubled: d(r2) = 2 x dx
-    out = np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
-    cross = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    jacobian = np.stack(
-        [
-            np.stack([radial + x * x * slope + 2 * p1 * y + 6 * p2 * x, cross], axis=-1),
-            np.stack([cross, radial + y * y * slope + 6 * p1 * y + 2 * p2 * x], axis=-1),
-        ],
-        axis=-2,
-    )
-    return out, jacobian
+    p = np.asarray(xy, dtype=np.float64)
+    if not distorts(camera):
+        return p.copy(), np.broadcast_to(np.eye(2), (*p.shape, 2)).copy()
+    lens = fisheye_distort if camera.distortion_model == "fisheye" else opencv_distort
+    return lens(camera.distortion, p)
 
 
-def _undistort_normalised(distortion: tuple[float, ...], xy: Array) -> Array:
-    guess = xy.copy()
-    for _ in range(_NEWTON_STEPS):
-        value, jacobian = distort_normalised(distortion, guess)
-        # A fold (singular Jacobian) leaves NaN, which the caller reports; it must not raise here.
-        a, b = jacobian[..., 0, 0], jacobian[..., 0, 1]
-        c, d = jacobian[..., 1, 0], jacobian[..., 1, 1]
-        miss = xy - value
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            determinant = a * d - b * c
-            step = np.stack([d * miss[..., 0] - b * miss[..., 1], a * miss[..., 1] - c * miss[..., 0]], axis=-1)
-            step /= determinant[..., None]
-            guess = guess + step
-        if np.nanmax(np.abs(step), initial=0.0) < 1e-15:
-            break
-    return guess
+def undistort_normalised(camera: Camera, xy: ArrayLike) -> Array:
+    """The inverse of `distort_normalised`, (..., 2): NaN where nothing in the lens's field is imaged."""
+    p = np.asarray(xy, dtype=np.float64)
+    if not distorts(camera):
+        return p.copy()
+    lens = fisheye_undistort if camera.distortion_model == "fisheye" else opencv_undistort
+    return lens(camera.distortion, p)
 
 
 def normalise(camera: Camera, undistorted_px: ArrayLike) -> Array:
@@ -179,13 +178,12 @@ def distort_px(camera: Camera, undistorted_px: ArrayLike) -> Array:
     Returns
     -------
     (..., 2) array
-        Where the lens images them, in pixels.
+        Where the lens images them, in pixels; NaN outside its field. A polynomial is a lens only as far out as it
+        grows: beyond, points far outside the view would return into the image.
     """
-    _coefficients(camera)
-    if not any(camera.distortion):
+    if not distorts(camera):
         return np.array(undistorted_px, dtype=np.float64)
-    distorted, _ = distort_normalised(camera.distortion, normalise(camera, undistorted_px))
-    return denormalise(camera, distorted)
+    return denormalise(camera, distort_normalised(camera, normalise(camera, undistorted_px))[0])
 
 
 def undistort_px(camera: Camera, image_px: ArrayLike) -> Array:
@@ -199,12 +197,24 @@ def undistort_px(camera: Camera, image_px: ArrayLike) -> Array:
     Returns
     -------
     (..., 2) array
-        By Newton's method; NaN where the distortion folds and has no inverse.
+        Exact to rounding; NaN where the lens images nothing, and at 90 degrees from a fisheye's axis and beyond.
     """
-    _coefficients(camera)
-    if not any(camera.distortion):
+    if not distorts(camera):
         return np.array(image_px, dtype=np.float64)
-    return denormalise(camera, _undistort_normalised(camera.distortion, normalise(camera, image_px)))
+    return denormalise(camera, undistort_normalised(camera, normalise(camera, image_px)))
+
+
+def ray_direction(camera: Camera, image_px: ArrayLike) -> Array:
+    """Unit vectors (..., 3) from the camera centre through image pixels (..., 2); NaN where the lens images nothing.
+
+    The only way to say what a fisheye sees at 90 degrees from its axis and beyond.
+    """
+    xy = normalise(camera, image_px)
+    if camera.distortion_model == "fisheye" and distorts(camera):
+        return fisheye_direction(camera.distortion, xy)
+    straight = undistort_normalised(camera, xy)
+    ray = np.concatenate([straight, np.ones_like(straight[..., :1])], axis=-1)
+    return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
 
 
 def project(camera: Camera, points_m: ArrayLike) -> Array:
@@ -219,38 +229,31 @@ def project(camera: Camera, points_m: ArrayLike) -> Array:
     Returns
     -------
     (..., 2) array
-        Pixels; NaN for points that are not in front of the camera.
+        Pixels; NaN for points that are not in front of the camera, or outside the lens's field.
     """
     p = np.asarray(points_m, dtype=np.float64)
     z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
     return distort_px(camera, denormalise(camera, p[..., :2] / z[..., None]))
 
 
-def _determinant(jacobian: Array) -> Array:
-    value: Array = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
-    return value
-
-
 def folds_inside_image(camera: Camera) -> bool:
-    """Whether the distortion cannot be inverted somewhere in the image (a mirrored or folded field)."""
-    if not any(camera.distortion):
+    """Whether some part of the image lies outside the lens's field: there the distortion has no inverse."""
+    if not distorts(camera):
         return False
-    return _folds(camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion)
+    return _folds(
+        camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion_model, camera.distortion
+    )
 
 
 @lru_cache(maxsize=64)
-def _folds(width_px: int, height_px: int, k: tuple[float, ...], distortion: tuple[float, ...]) -> bool:
-    camera = Camera(width_px, height_px, np.reshape(k, (3, 3)), distortion)
-    # The determinant is smooth: a grid of 25 x 25 points over the image sees any sign change that matters.
-    grid = np.stack(np.meshgrid(np.linspace(-0.5, width_px - 0.5, 25), np.linspace(-0.5, height_px - 0.5, 25)), axis=-1)
-    xy = normalise(camera, undistort_px(camera, grid))
-    if not np.all(np.isfinite(xy)):
-        return True
-    back, _ = distort_normalised(distortion, xy)
-    # Behind a fold another branch can answer exactly: walk from the axis to the point and look for a sign change.
-    walk = np.linspace(0, 1, 33)[:, None, None, None] * xy
-    _, along = distort_normalised(distortion, walk)
-    return bool(np.abs(denormalise(camera, back) - grid).max() > 1e-6 or _determinant(along).min() <= 0)
+def _folds(width_px: int, height_px: int, k: tuple[float, ...], model: str, distortion: tuple[float, ...]) -> bool:
+    camera = Camera(width_px, height_px, np.reshape(k, (3, 3)), distortion, distortion_model=model)
+    # Seen from the axis the field has no holes: its first gap is at the image's border, which gets a point every 64th
+    # of a side; a coarser grid watches over the rest.
+    u, v = np.linspace(-0.5, width_px - 0.5, 65), np.linspace(-0.5, height_px - 0.5, 65)
+    points = [np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2) for a, b in ((u[[0, -1]], v), (u, v[[0, -1]]))]
+    points.append(np.stack(np.meshgrid(u[::4], v[::4]), axis=-1).reshape(-1, 2))
+    return not bool(np.all(np.isfinite(ray_direction(camera, np.concatenate(points)))))
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
@@ -259,7 +262,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
         "width_px": camera.width_px,
         "height_px": camera.height_px,
         "K": [[float(v) for v in row] for row in camera.K],
-        "distortion_model": "opencv" if camera.distortion else "none",
+        "distortion_model": camera.distortion_model if distorts(camera) or camera.distortion else "none",
         "distortion": [float(v) for v in camera.distortion],
         "exif": {} if camera.focal_35mm_mm is None else {"focal_35mm_mm": camera.focal_35mm_mm},
     }
@@ -271,12 +274,14 @@ def camera_from_json(record: dict[str, Any]) -> Camera:
     Raises
     ------
     DataError
-        If a key is missing or K is not an upper triangular calibration matrix.
+        If a key is missing, K is not an upper triangular calibration matrix, or the lens model is unknown or takes
+        another number of coefficients.
     """
     try:
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
         k = np.array(record["K"], dtype=np.float64)
         distortion = tuple(float(v) for v in record.get("distortion", []))
+        model = record.get("distortion_model", "opencv")
         exif = record.get("exif") or {}
         focal_35mm_mm = exif.get("focal_35mm_mm")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -285,8 +290,14 @@ def camera_from_json(record: dict[str, Any]) -> Camera:
         raise DataError("camera record: K must be a finite 3x3 matrix with positive focal lengths")
     if k[1, 0] != 0 or k[2, 0] != 0 or k[2, 1] != 0 or k[2, 2] != 1:
         raise DataError("camera record: K must be upper triangular with K[2][2] = 1")
-    if width_px <= 0 or height_px <= 0 or len(distortion) not in (0, 4, 5) or not np.all(np.isfinite(distortion)):
-        raise DataError("camera record: needs a positive size and 0, 4 or 5 finite distortion coefficients")
-    return Camera(
-        width_px, height_px, k, distortion, focal_35mm_mm=None if focal_35mm_mm is None else float(focal_35mm_mm)
-    )
+    if width_px <= 0 or height_px <= 0:
+        raise DataError("camera record: needs a positive size")
+    if model == "none":
+        if distortion:
+            raise DataError(f"camera record: distortion_model none takes no coefficients, not {len(distortion)}")
+        model = "opencv"
+    problem = lens_problem(str(model), distortion)
+    if problem:
+        raise DataError(f"camera record: {problem}")
+    focal = None if focal_35mm_mm is None else float(focal_35mm_mm)
+    return Camera(width_px, height_px, k, distortion, focal_35mm_mm=focal, distortion_model=str(model))

@@ -6,11 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from roundel.scenes.camera import lens_problem
 from roundel.scenes.section import Section
 from roundel.scenes.values import AnyValue, NonNegative, Positive, Turn
-
-# How many coefficients each lens model takes (OpenCV, module calib3d; module calib3d fisheye).
-COEFFICIENTS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
 class CameraSection(Section):
@@ -50,12 +48,9 @@ class CameraSection(Section):
             raise ValueError("give either focal_px or focal_mm (with pixel_pitch_um)")
         if self.focal_mm is not None and self.pixel_pitch_um is None:
             raise ValueError("focal_mm needs pixel_pitch_um")
-        counts = COEFFICIENTS[self.distortion_model]
-        if len(self.distortion) not in counts:
-            one_of = ", ".join(str(n) for n in counts)
-            raise ValueError(
-                f"distortion has {len(self.distortion)} coefficients; {self.distortion_model} takes {one_of}"
-            )
+        problem = lens_problem(self.distortion_model, (0.0,) * len(self.distortion))
+        if problem:
+            raise ValueError(problem)
         if self.f_number is not None and (self.aperture_mm is not None or self.focal_mm is None):
             raise ValueError("f_number goes with focal_mm; with focal_px give aperture_mm")
         has_aperture = self.f_number is not None or self.aperture_mm is not None

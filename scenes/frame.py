@@ -15,17 +15,18 @@ from roundel.scenes.camera import (
     Camera,
     focal_at_focus_px,
     folds_inside_image,
-    normalise,
     principal_point_at_centre,
-    project,
-    undistort_px,
+    ray_direction,
 )
 from roundel.scenes.camera_section import CameraSection, MotionSection
 from roundel.scenes.conic import circle_points_m
 from roundel.scenes.errors import StudyError
-from roundel.scenes.marker import Part, Sheet, sheet_of
+from roundel.scenes.lamps import check_light
+from roundel.scenes.marker import Part, Sheet
 from roundel.scenes.motion import Motion, image_of, pose_at
+from roundel.scenes.occluders import check_occluders
 from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.scenes.prints import sheet_of
 from roundel.scenes.sampling import draw, frame_count, frames_per_level, stream
 from roundel.scenes.schema import GroupSection
 from roundel.scenes.study import Study
@@ -155,6 +156,9 @@ def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> M
 def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSection:
     group = study.groups[name]
     raw = group.model_dump(exclude_none=True)
+    # Once drawn, a section has no grids left to tell how many frames a level has.
+    raw.pop("frames_per_cell", None)
+    raw["frames"] = frames_per_level(group)
 
     def put(key: tuple[Any, ...], value: float) -> None:
         node = raw
@@ -220,7 +224,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
             "distortion",
         )
     try:
-        sheet = sheet_of(settings.marker)
+        sheet = sheet_of(settings.marker, int(stream(study.seed, name, 4, index).generate_state(1)[0]))
     except ValueError as error:
         raise fail(str(error), "marker") from error
     pose = settings.pose
@@ -233,8 +237,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         distance_m = pose.distance_D * 2 * first.radius_m
     normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
     pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
-    sight = np.append(normalise(camera, undistort_px(camera, pixel)), 1.0)
-    centre_m = distance_m * sight / np.linalg.norm(sight)
+    centre_m = distance_m * ray_direction(camera, pixel)
     camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
     low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
     if not (np.all(pixel >= low) and np.all(pixel <= high)):
@@ -262,30 +265,53 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     )
     for part in sheet.parts:
         _check_in_view(frame, part, fail)
+    for check, key in ((_check_occluders, "occluders"), (_check_light, "light")):
+        try:
+            check(frame)
+        except ValueError as error:
+            raise fail(f"{key}.{error}", key) from error
     return frame
 
 
-def part_outline_m(frame: Frame, part: Part, count: int) -> NDArray[np.float64]:
-    """Outline of a part (n, 3) in the camera frame: a circle, or the rectangle round a board."""
-    pose = frame.camera_from_part(part)
+def _check_occluders(frame: Frame) -> None:
+    check_occluders(frame.settings.occluders, frame.camera, frame.camera_from_sheet)
+
+
+def _check_light(frame: Frame) -> None:
+    if frame.settings.mode == "images":
+        check_light(frame.settings.light, frame.sheet, frame.camera_from_sheet)
+
+
+def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
+    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle round a board."""
+    centre = np.array([part.x_m, part.y_m, 0.0])
     if part.radius_m is not None:
-        return circle_points_m(pose, part.radius_m, count)
+        placed = np.eye(4)
+        placed[:3, 3] = centre
+        return circle_points_m(placed, part.radius_m, count)
     w, h = part.half_size_m()
     corners = np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
     along = np.linspace(0, 1, max(count // 4, 2), endpoint=False)[:, None]
     sides = [corners[i] + along * (corners[(i + 1) % 4] - corners[i]) for i in range(4)]
     flat = np.concatenate(sides)
-    return transform_points(pose, np.column_stack([flat, np.zeros(len(flat))]))
+    return centre + np.column_stack([flat, np.zeros(len(flat))])
 
 
 def _check_in_view(frame: Frame, part: Part, fail: Any) -> None:
     pose = frame.camera_from_part(part)
-    outline = part_outline_m(frame, part, 64)
+    in_sheet = part_outline_in_sheet(part, 64)
+    outline = transform_points(frame.camera_from_sheet, in_sheet)
     if outline[:, 2].min() <= 0:
         raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
     if pose[:3, 2] @ pose[:3, 3] >= 0:
         raise fail(f"pose: marker {part.marker_id} shows its back to the camera; tilt it less", "pose", "tilt_deg")
-    pixels = project(frame.camera, outline)
+    pixels, _ = image_of(frame.camera, frame.motion, frame.camera_from_sheet, in_sheet)
+    if np.isnan(pixels).any() and frame.motion.row_s > 0:
+        raise fail(
+            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's sight; read out "
+            "faster (readout_s), or move slower",
+            "motion",
+        )
     inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
     if not inside.any():
         raise fail(f"pose: the outline of marker {part.marker_id} lies outside the image", "pose")

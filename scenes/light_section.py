@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from roundel.scenes.section import Section
-from roundel.scenes.values import AnyValue, Fraction, NonNegative, Positive, Turn
+from roundel.scenes.values import AnyValue, Elevation, Fraction, NonNegative, Positive, Turbidity, Turn
 
 # Relative red, green and blue of a light; only a sensor with a mosaic tells them apart.
 Colour = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
@@ -46,6 +46,16 @@ class SpotLampSection(Section):
     aim_y_m: AnyValue = 0.0
     colour: Colour = _WHITE
 
+    @model_validator(mode="after")
+    def _beam_within_cutoff(self) -> SpotLampSection:
+        # Spreads are held against each other when they are drawn.
+        cutoff, beam = self.cutoff_deg, self.beam_deg
+        if isinstance(cutoff, float) and cutoff > 90:
+            raise ValueError("cutoff_deg is a half angle: at most 90")
+        if isinstance(cutoff, float) and isinstance(beam, float) and beam >= cutoff:
+            raise ValueError("beam_deg must be smaller than cutoff_deg")
+        return self
+
 
 def _kind(raw: Any) -> str:
     """The kind of a lamp; one that does not say is an area light."""
@@ -65,20 +75,27 @@ class MapSection(Section):
     """An environment map: an equirectangular (latitude-longitude) OpenEXR file, up is -y of the camera frame."""
 
     file: str = Field(min_length=1, description="relative to the study")
+    sha256: str | None = Field(
+        default=None, pattern="^[0-9a-f]{64}$", description="of the file; filled in when the study is read"
+    )
     scale: NonNegative = 1.0
-    turn_deg: Turn = Field(default=0.0, description="about the vertical")
+    turn_deg: Turn = Field(
+        default=0.0, description="about the vertical, from +z toward +x; at 0 the camera looks at the map's middle"
+    )
 
 
 class SkySection(Section):
-    """Sun and sky (Wilkie et al. 2021, as in Mitsuba's sunsky); up is -y of the camera frame."""
+    """A clear sky and its sun (Hosek and Wilkie 2012, 2013; Mitsuba's `sunsky`); up is -y of the camera frame."""
 
-    sun_elevation_deg: AnyValue = 45.0
+    sun_elevation_deg: Elevation = 45.0
     sun_azimuth_deg: Turn = Field(
         default=160.0, description="from +z (where the camera looks) toward +x; 180 is behind"
     )
-    turbidity: Positive = 3.0
+    turbidity: Turbidity = 3.0
     sun: NonNegative = Field(default=1.0, description="factor on the sun's radiance; 0 is a clouded sun")
-    scale: NonNegative = Field(default=0.02, description="factor on both, to the other lights' units")
+    scale: NonNegative = Field(
+        default=2.0, description="factor on both; at 2 a sheet in the sun is as bright as under an environment of 1"
+    )
 
 
 class LightSection(Section):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from roundel.scenes.section import Section
-from roundel.scenes.values import Fraction, NonNegative, Positive, Turn
+from roundel.scenes.values import Fraction, Index, NonNegative, Positive, Roughness, Turn
 
 TagFamily = Literal["aruco_4x4_50", "aruco_5x5_100", "aruco_6x6_250", "apriltag_36h11"]
 
@@ -18,8 +18,8 @@ class SurfaceSection(Section):
     kind: Literal["matte", "plastic", "laminate"] = Field(
         default="matte", description="plastic: rough dielectric coat (GGX); laminate: principled, with a clear coat"
     )
-    roughness: Positive = Field(default=0.1, description="GGX alpha of the gloss")
-    ior: Positive = Field(default=1.5, description="refractive index of the gloss")
+    roughness: Roughness = Field(default=0.1, description="GGX alpha of the gloss")
+    ior: Index = Field(default=1.5, description="refractive index of the gloss")
 
 
 class ClutterSection(Section):

@@ -141,6 +141,7 @@ def image_of(camera: Camera, motion: Motion, camera_from_sheet: Array, points_m:
             row = row - miss * _ROW_SLOPE_PX / (beside - miss)
         time = motion.row_time_s(row)
         px = at(time)
-        lost = ~(np.abs(px[:, 1] - row) < 1e-6)
+        # A point as fast as the shutter is never caught, and a faster one is imaged upside down.
+        lost = ~(np.abs(px[:, 1] - row) < 1e-6) | ~(beside < miss)
     px[lost] = np.nan
     return px, time

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, model_validator
 
 from roundel.scenes.camera_section import CameraSection, MotionSection
+from roundel.scenes.layers import preset_names
 from roundel.scenes.light_section import LightSection, OccluderSection
 from roundel.scenes.marker_section import CIRCULAR, Marker
 from roundel.scenes.section import Section
@@ -153,6 +154,7 @@ def json_schema() -> dict[str, Any]:
 
     for name in ("CameraSection", "PoseSection"):
         definitions[name] = relaxed(definitions[name])
+    properties["preset"] = {"enum": preset_names(), "description": "keys that the study's own lie over"}
     overrides = {"type": "object", "properties": properties, "additionalProperties": False}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -40,6 +40,11 @@ class SensorSection(Section):
     gamma: Positive = Field(default=2.2, description="of the curve `gamma`: out = in^(1/gamma)")
     jpeg_quality: Quality | None = Field(default=None, description="1 to 100; without it a PNG is delivered")
 
+    @property
+    def image_suffix(self) -> str:
+        """Of the delivered files: .jpg or .png."""
+        return ".png" if self.jpeg_quality is None else ".jpg"
+
     @model_validator(mode="after")
     def _consistent(self) -> SensorSection:
         if self.exposure_e is not None and self.exposure_ph is not None:

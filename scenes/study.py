@@ -9,22 +9,25 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from roundel.scenes.errors import StudyError
+from roundel.scenes.layers import laid_over, preset, preset_names
+from roundel.scenes.light_map import map_sha256
 from roundel.scenes.light_section import LAMPS
 from roundel.scenes.marker_section import KINDS as MARKERS
 from roundel.scenes.schema import SCHEMA_VERSION, GroupSection, Head, SolveSection, ValidateSection
 from roundel.scenes.section import Section
-from roundel.scenes.values import is_spread
 from roundel.scenes.yaml_reader import Marks, read_yaml
 
 DEFAULT_GROUP = "main"
 _SHARED = (
+    "preset",
     "mode",
     "frames",
     "frames_per_cell",
@@ -87,15 +90,6 @@ def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tupl
         if tail and tail in marks:
             return marks[tail]
     return marks.get(("groups", group) if group is not None else (), (1, 1))
-
-
-def _merged(shared: Any, own: Any) -> Any:
-    """`own` laid over `shared`: mappings merge key by key; a spread, a list, a section of another kind replaces."""
-    if not (isinstance(shared, dict) and isinstance(own, dict)) or is_spread(shared) or is_spread(own):
-        return own
-    if "kind" in own and own["kind"] != shared.get("kind"):
-        return own
-    return {**shared, **{k: _merged(shared[k], v) if k in shared else v for k, v in own.items()}}
 
 
 # Where one of several sections may stand, told apart by its `kind`; the tag then stands in pydantic's places, too.
@@ -171,7 +165,8 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
     return f"{dotted}: {text}{shown}" if dotted else text, location
 
 
-def _validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, group: str | None) -> Any:
+def validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, group: str | None) -> Any:
+    """A section from its raw keys; what is wrong with them is said at its place in the file (a StudyError)."""
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -207,7 +202,7 @@ def load_study(path: str | Path) -> Study:
     for key in raw:
         if key not in (*_HEAD, *_SHARED, "groups"):
             raise StudyError(f"{key}: unknown key{_nearest(key, [*_HEAD, *_SHARED, 'groups'])}", path, *marks[(key,)])
-    head: Head = _validated(Head, {k: raw[k] for k in _HEAD if k in raw}, path, marks, None)
+    head: Head = validated(Head, {k: raw[k] for k in _HEAD if k in raw}, path, marks, None)
     shared = {k: raw[k] for k in _SHARED if k in raw}
     own = raw.get("groups", {DEFAULT_GROUP: {}})
     if not isinstance(own, dict) or not own:
@@ -219,14 +214,39 @@ def load_study(path: str | Path) -> Study:
             raise StudyError(f"groups.{name}: a group's name has letters, digits, - and _ only", path, *place)
         if not isinstance(section, dict):
             raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
-        merged = _merged(shared, section)
-        # A group that says its own count of frames means it instead of the shared one, whichever word it uses.
-        if "frames" in section or "frames_per_cell" in section:
-            merged = {k: v for k, v in merged.items() if k not in ("frames", "frames_per_cell") or k in section}
-        groups[name] = _validated(GroupSection, merged, path, marks, name)
+        named = section.get("preset", shared.get("preset"))
+        layers = [_preset(named, path, _place(marks, name, ("preset",))), shared, section]
+        merged = reduce(laid_over, layers)
+        merged.pop("preset", None)
+        groups[name] = validated(GroupSection, merged, path, marks, name)
     study = Study(path, head.name, head.seed, head.licence, groups, head.solve, head.validate_, marks)
     _check_references(study)
-    return study
+    return _with_checksums(study)
+
+
+def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:
+    if name is None:
+        return {}
+    if name not in preset_names():
+        raise StudyError(f"preset: no preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
+    return preset(name)
+
+
+def _with_checksums(study: Study) -> Study:
+    """The study with the sha256 of each map it names, so that its digest is of their pixels, too."""
+    groups = {}
+    for name, group in study.groups.items():
+        groups[name] = group
+        if group.light.map is not None:
+            try:
+                digest = map_sha256(study.path.parent, group.light.map)
+            except ValueError as error:
+                raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
+            # Read anew rather than copied: a copy would drag along what the section keeps for itself.
+            raw = group.model_dump(exclude_none=True)
+            raw["light"]["map"]["sha256"] = digest
+            groups[name] = GroupSection.model_validate(raw)
+    return replace(study, groups=groups)
 
 
 def _check_references(study: Study) -> None:

@@ -11,28 +11,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.airy import spread_px
 from roundel.scenes.camera import Camera, project
 from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, other_candidate, vanishing_line
-from roundel.scenes.frame import Frame, part_outline_m
+from roundel.scenes.frame import Frame, part_outline_in_sheet
 from roundel.scenes.marker import Part
+from roundel.scenes.motion import image_of, pose_at
+from roundel.scenes.occluders import hidden, plates_of
 from roundel.scenes.pose import tilt_azimuth_deg, transform_points
 
 CONTOUR_POINTS = 256
 
-# Variance of a uniform pixel of unit width: the least blur any edge has.
-PIXEL_VARIANCE_PX2 = 1.0 / 12.0
-
 _UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
-def edge_blur_px(camera: Camera, depth_m: float) -> float:
-    """Standard deviation along one axis, in pixels, of the blur of a point at `depth_m`.
+def defocus_radius_px(camera: Camera, depth_m: float) -> float:
+    """Radius in pixels of the disc over which a thin lens spreads a point at `depth_m`: fx A |1/z - 1/u|."""
+    if camera.aperture_radius_m == 0:
+        return 0.0
+    return float(camera.K[0, 0] * camera.aperture_radius_m * abs(1.0 / depth_m - 1.0 / camera.focus_distance_m))
 
-    A thin lens spreads it over a disc of radius fx A |1/z - 1/u| (variance of a disc along one axis: radius^2 / 4); the
-    pixel's own width adds 1/12.
+
+def edge_blur_px(frame: Frame, part: Part) -> float:
+    """Standard deviation along one axis, in pixels, of the blur of a part's centre, its axes averaged.
+
+    Variances add: the pixel's own area (side^2 / 12), the lens (radius^2 / 4 for a round aperture, radius^2 (2 +
+    cos(2 pi / n)) / 12 for n blades), the declared Airy pattern, and motion along a line (length^2 / 12, half of it
+    along either axis on average).
     """
-    radius_px = camera.K[0, 0] * camera.aperture_radius_m * abs(1.0 / depth_m - 1.0 / camera.focus_distance_m)
-    return float(np.sqrt(PIXEL_VARIANCE_PX2 + radius_px**2 / 4))
+    camera, exposure_s = frame.camera, frame.motion.exposure_s
+    round_ = 3.0 if camera.blades == 0 else 2.0 + float(np.cos(2 * np.pi / camera.blades))
+    defocus = defocus_radius_px(camera, float(frame.camera_from_part(part)[2, 3])) ** 2 * round_ / 12
+    ends = [project(camera, frame.camera_from_part(part, s * exposure_s / 2)[:3, 3]) for s in (-1, 1)]
+    length2 = float(np.sum((ends[1] - ends[0]) ** 2)) if frame.motion.moves else 0.0
+    return float(np.sqrt(camera.pixel_side**2 / 12 + defocus + spread_px(camera)[0] ** 2 + length2 / 24))
 
 
 def _inside_image(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -42,8 +54,13 @@ def _inside_image(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) -> float:
-    """Fraction of the part's area inside the image, over 4,096 points of equal area; 1 if its contour is whole."""
-    if _inside_image(frame.camera, contour).all():
+    """Fraction of the part's area inside the image and behind nothing, over 4,096 points of equal area.
+
+    1 if its contour is whole and nothing stands before the print.
+    """
+    plates = plates_of(frame.settings, frame.camera_from_sheet)
+    whole = bool(_inside_image(frame.camera, contour).all())
+    if whole and not plates:
         return 1.0
     steps = (np.arange(64) + 0.5) / 64
     u, v = np.meshgrid(steps, steps)
@@ -54,8 +71,13 @@ def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) ->
         w, h = part.half_size_m()
         x, y = w * (2 * u - 1), h * (2 * v - 1)
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    px = project(frame.camera, transform_points(frame.camera_from_part(part), flat))
-    return float(_inside_image(frame.camera, px).mean())
+    # The sheet as it stands at mid-exposure of the part's own centre.
+    pose = pose_at(frame.motion, frame.camera_from_sheet, np.array(frame.part_time_s(part)))
+    points = flat + [part.x_m, part.y_m, 0.0]
+    seen = ~hidden(plates, pose, points)
+    if not whole:
+        seen &= _inside_image(frame.camera, project(frame.camera, transform_points(pose, points)))
+    return float(seen.mean())
 
 
 def _vector(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
@@ -100,8 +122,9 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
     normal, centre = pose[:3, 2], pose[:3, 3]
     tilt, azimuth = tilt_azimuth_deg(normal)
     distance_m = float(np.linalg.norm(centre))
-    centre_px = project(camera, centre)
-    contour = project(camera, part_outline_m(frame, part, CONTOUR_POINTS))
+    sheet_outline = part_outline_in_sheet(part, CONTOUR_POINTS)
+    contour, _ = image_of(camera, frame.motion, frame.camera_from_sheet, sheet_outline)
+    (centre_px,), _ = image_of(camera, frame.motion, frame.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
     line = vanishing_line(pose, camera.K)
     return {
         "frame_id": frame.frame_id,
@@ -125,8 +148,7 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         "visible_fraction": _visible_fraction(frame, part, contour),
         "edge_contrast_dn": None,
         "edge_noise_dn": None,
-        "edge_blur_px": edge_blur_px(camera, float(centre[2])),
-        # Nothing moves yet: the shutter opens and closes on the same pose.
-        **_matrix("open_camera_from_marker", pose),
-        **_matrix("close_camera_from_marker", pose),
+        "edge_blur_px": edge_blur_px(frame, part),
+        **_matrix("open_camera_from_marker", frame.camera_from_part(part, -frame.motion.exposure_s / 2)),
+        **_matrix("close_camera_from_marker", frame.camera_from_part(part, frame.motion.exposure_s / 2)),
     }

@@ -41,6 +41,7 @@ SCHEMA = pa.schema(
         pa.field("probability", pa.float64()),
         *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_INTRINSICS)),
         pa.field("distortion", pa.list_(pa.float64())),
+        pa.field("distortion_model", pa.string()),
         pa.field("edge_points", pa.int64()),
         pa.field("edge_sigma_px", pa.float64()),
         *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
@@ -123,6 +124,7 @@ class Estimate:
             values = (k[0, 0], k[1, 1], k[0, 1], k[0, 2], k[1, 2])
             row |= zip(_INTRINSICS, map(float, values), strict=True)
             row["distortion"] = list(self.camera.distortion)
+            row["distortion_model"] = self.camera.distortion_model
         if self.cov is not None and np.all(np.isfinite(self.cov[candidate])):
             row |= {f"cov_{i}{j}": float(self.cov[candidate, i, j]) for i, j in _COVARIANCE}
         return row
@@ -141,6 +143,15 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
     buffer = io.BytesIO()
     pq.write_table(table, buffer)
     write_file(path, buffer.getvalue())
+
+
+def with_lens_model(table: pa.Table) -> pa.Table:
+    """Estimates whose column `distortion_model` is there and full: what says nothing means OpenCV's model."""
+    name = "distortion_model"
+    if name in table.column_names:
+        at, model = table.column_names.index(name), table[name].cast(pa.string())
+        return table.set_column(at, name, pa.array([value or "opencv" for value in model.to_pylist()], pa.string()))
+    return table.append_column(name, pa.array(["opencv"] * table.num_rows, pa.string()))
 
 
 def read_estimates(path: str | Path) -> pa.Table:
@@ -164,10 +175,10 @@ def read_estimates(path: str | Path) -> pa.Table:
         table = pq.read_table(file)
     except (OSError, pa.ArrowException) as error:
         raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
-    missing = [name for name in SCHEMA.names if name not in table.column_names]
+    missing = [name for name in SCHEMA.names if name not in (*table.column_names, "distortion_model")]
     if missing:
         raise DataError(f"{file}: has no column {', '.join(missing)}; solve the dataset again")
     try:
-        return table.select(SCHEMA.names).cast(SCHEMA)
+        return with_lens_model(table).select(SCHEMA.names).cast(SCHEMA)
     except (pa.ArrowException, ValueError) as error:
         raise DataError(f"{file}: a column has the wrong type or empty values: {str(error).splitlines()[0]}") from error

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -150,7 +150,7 @@ def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px
         k = np.array(camera.K, dtype=np.float64)
         k[0, 0] *= spec.factor
         k[1, 1] *= spec.factor
-        return Camera(width_px, height_px, k, camera.distortion, focal_35mm_mm=camera.focal_35mm_mm)
+        return replace(camera, width_px=width_px, height_px=height_px, K=k)
     return camera
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.scenes.camera import Camera, undistort_px
+from roundel.scenes.camera import Camera, distorts, undistort_px
 from roundel.scenes.conic import ellipse_points
 from roundel.solver.choose import Knowledge, choose
 from roundel.solver.circle_pose import poses_from_ellipse
@@ -108,16 +108,25 @@ def fit_detection(detection: Detection, camera: Camera, method: str) -> EllipseF
         if detection.edgedrawing is None:
             return FailedFit("EdgeDrawing found no ellipse on this contour")
         ellipse: Array | FailedFit = ellipse_of_shape(shape_of_ellipse(detection.edgedrawing))
-        if any(camera.distortion):
-            ellipse = direct_ellipse(undistort_px(camera, ellipse_points(detection.edgedrawing, 64)))
+        if distorts(camera):
+            outline = undistort_px(camera, ellipse_points(detection.edgedrawing, 64))
+            ellipse = direct_ellipse(outline[np.isfinite(outline).all(axis=1)])
         points = undistort_px(camera, detection.edges.points_px)
+        points = points[np.isfinite(points).all(axis=1)]
         return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
     return fit_points(detection.edges.points_px, detection.edges.sigma_px, camera, method)
 
 
 def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:
-    """Ellipse through edge points in image pixels, in undistorted pixel coordinates."""
+    """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
+
+    Points that have none (where the camera's lens images nothing, or beyond 90 degrees) are left out.
+    """
     points = undistort_px(camera, points_px)
+    seen = np.isfinite(points).all(axis=1)
+    if len(points) and not seen.any():
+        return FailedFit("the contour lies outside the field of the camera's lens model")
+    points, sigma_px = points[seen], None if sigma_px is None else sigma_px[seen]
     if method == "ml":
         return fit_ellipse(points, sigma_px)
     if method == "direct":

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.files import write_file
 from roundel.datasets.images import Images, open_images
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera import Camera, distorts
 from roundel.scenes.errors import UsageError
 from roundel.solver.choose import Knowledge, check_knowledge
 from roundel.solver.ellipse import EllipseFit, FailedFit
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 TIMINGS = "timings.jsonl"
-_CIRCULAR = ("disc", "ring")
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ def solve_dataset(
     """Estimate the pose of every circle in a dataset.
 
     Every circle of a frame is taken to have the diameter of the frame's first circular marker: a blind solver cannot
-    tell one marker from another. Frames without a circular marker (chessboards) are left out. Frames in points mode
+    tell one marker from another. Frames without a circular marker (boards) are left out. Frames in points mode
     start at the fit.
 
     Parameters
@@ -153,7 +152,7 @@ def _frames(images: Images, specs: list[Intrinsics], groups: Sequence[str] | Non
             raise UsageError(f"group {group!r}: the dataset has {', '.join(known)}")
     out = []
     for i, (frame_id, group) in enumerate(zip(images.frame_ids, images.groups, strict=True)):
-        diameters = [m["diameter_m"] for m in images.markers(i) if m["kind"] in _CIRCULAR]
+        diameters = [m["diameter_m"] for m in images.markers(i) if m["diameter_m"] is not None]
         if not diameters or (groups is not None and group not in groups):
             continue
         camera = images.camera(i)
@@ -170,14 +169,15 @@ Fits = dict[tuple[str, int], list[EllipseFit | FailedFit]]
 def _fits(images: Images, frame: _Frame, methods: list[str]) -> tuple[int, Fits]:
     """Number of detections, and the fits {(method, camera): one for each detection}.
 
-    Cameras that undistort alike (none of them distorts, or K and distortion agree) share one fit.
+    Cameras that undistort alike (none of them distorts, or K and lens model agree) share one fit.
     """
     if images.mode(frame.index) == "points":
         by_marker = images.points(frame.index)
         points = [by_marker[marker_id] for marker_id in sorted(by_marker)]
         return len(points), _shared(frame, methods, lambda c, m: [fit_points(p, None, c, m) for p in points])
-    grey, full_scale_dn = grey_levels(images.image(frame.index))
-    detections = find(grey, full_scale_dn)
+    levels, saturation_dn = images.linear_image(frame.index)
+    grey, full_scale_dn = grey_levels(levels)
+    detections = find(grey, saturation_dn or full_scale_dn)
     return len(detections), _shared(frame, methods, lambda c, m: [fit_detection(d, c, m) for d in detections])
 
 
@@ -186,7 +186,9 @@ def _shared(frame: _Frame, methods: list[str], fit: Callable[[Camera, str], list
     out: Fits = {}
     for method in methods:
         for i, camera in enumerate(frame.cameras):
-            lens = (tuple(camera.K.ravel().tolist()), camera.distortion) if any(camera.distortion) else None
+            lens = None
+            if distorts(camera):
+                lens = (tuple(camera.K.ravel().tolist()), camera.distortion_model, camera.distortion)
             if (method, lens) not in made:
                 made[method, lens] = fit(camera, method)
             out[method, i] = made[method, lens]

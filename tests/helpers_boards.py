@@ -27,9 +27,11 @@ def _ink(camera_xy: Array, pose: Array, layout: BoardLayout) -> NDArray[np.bool_
 
 
 @lru_cache(maxsize=4)
-def corner_rays(width: int, height: int, k: tuple[float, ...], distortion: tuple[float, ...]) -> Array:
+def corner_rays(
+    width: int, height: int, k: tuple[float, ...], distortion: tuple[float, ...], model: str = "opencv"
+) -> Array:
     """Normalised coordinates (H + 1, W + 1, 2) of the pixels' corners."""
-    camera = Camera(width, height, np.array(k).reshape(3, 3), distortion)
+    camera = Camera(width, height, np.array(k).reshape(3, 3), distortion, distortion_model=model)
     corner = np.stack(np.meshgrid(np.arange(width + 1) - 0.5, np.arange(height + 1) - 0.5), axis=-1)
     return normalise(camera, undistort_px(camera, corner))
 
@@ -48,7 +50,9 @@ def board_image(
     camera: Camera, pose: Array, layout: BoardLayout, subpixels: int = 8, blur_px: float = 0.0
 ) -> NDArray[np.uint8]:
     """Image (H, W) of a board on paper that fills the view; only pixels that an edge crosses are subdivided."""
-    corner = corner_rays(camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion)
+    corner = corner_rays(
+        camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion, camera.distortion_model
+    )
     ink = _ink(corner, pose, layout)
     count = ink[:-1, :-1].astype(int) + ink[1:, :-1] + ink[:-1, 1:] + ink[1:, 1:]
     coverage = count / 4.0

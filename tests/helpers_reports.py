@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from roundel.datasets.finish import finish_dataset, study_bytes
 from roundel.scenes.camera import Camera
 from roundel.scenes.conic import conic_of_ellipse
 from roundel.scenes.frame import Frame, frames_of
-from roundel.scenes.marker import reflectance_at
+from roundel.scenes.ink_pattern import reflectance_at
 from roundel.scenes.study import load_study
 from roundel.solver.circle_pose import poses_from_conic
 
@@ -80,7 +81,9 @@ def sheet_image(frame: Frame, subpixels: int = 8) -> np.ndarray:
         flat = (ray * depth[..., None] - pose[:3, 3]) @ pose[:3, :2]
         return np.asarray(reflectance_at(frame.sheet, flat[..., 0], flat[..., 1]))
 
-    corner = corner_rays(camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion)
+    corner = corner_rays(
+        camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion, camera.distortion_model
+    )
     value = seen(corner)
     four = np.stack([value[:-1, :-1], value[1:, :-1], value[:-1, 1:], value[1:, 1:]])
     image = four.mean(axis=0)
@@ -121,7 +124,7 @@ def used_camera(camera: Camera, intrinsics: str) -> Camera:
     if intrinsics.startswith("scaled:"):
         k = camera.K.copy()
         k[[0, 1], [0, 1]] *= float(intrinsics.partition(":")[2])
-        return Camera(camera.width_px, camera.height_px, k, camera.distortion)
+        return replace(camera, K=k)
     if intrinsics == "default":
         focal = 29.95 * np.hypot(camera.width_px, camera.height_px) / np.hypot(36, 24)
         k = np.array([[focal, 0, (camera.width_px - 1) / 2], [0, focal, (camera.height_px - 1) / 2], [0, 0, 1.0]])
@@ -171,6 +174,7 @@ def estimate_rows(
                         "cx_px": float(used.K[0, 2]),
                         "cy_px": float(used.K[1, 2]),
                         "distortion": list(used.distortion),
+                        "distortion_model": used.distortion_model,
                         "status": "ok",
                         "reason": "",
                     }
@@ -207,6 +211,7 @@ def write_estimates(path: Path, rows: list[dict[str, Any]], drop: tuple[str, ...
             ("chosen", pa.bool_()),
             *[(n, pa.float64()) for n in number],
             ("distortion", pa.list_(pa.float64())),
+            ("distortion_model", pa.string()),
             ("status", pa.string()),
             ("reason", pa.string()),
         ]

@@ -131,6 +131,30 @@ def test_projection_difference_counts_a_shift_and_forgives_a_rotation() -> None:
     assert difference.mean_rotated_px < 0.15
 
 
+def test_a_calibration_of_a_lens_with_more_terms_is_compared_by_projection() -> None:
+    # The same polynomial to 1e-3 px: a fourth of k1 moved into the denominator.
+    rational = Camera(640, 480, CAMERA.K, (*CAMERA.distortion, 0.0, 1e-7, 0.0, 0.0))
+    errors = calibration_errors(CAMERA, rational)
+    assert set(errors) == {
+        f"projection_{n}" for n in ("mean_px", "max_px", "mean_rotated_px", "max_rotated_px", "share")
+    }
+    assert errors["projection_max_px"] < 1e-3
+    assert errors["projection_share"] == 1.0
+    # Zeros are no terms.
+    padded = Camera(640, 480, CAMERA.K, (*CAMERA.distortion, 0.0, 0.0, 0.0, 0.0))
+    assert calibration_errors(CAMERA, padded)["k1_error"] == 0.0
+
+
+def test_a_calibration_of_a_fisheye_is_compared_where_both_see() -> None:
+    fisheye = Camera(640, 480, CAMERA.K * [[0.4], [0.4], [1.0]], (0.0,) * 4, distortion_model="fisheye")
+    # theta = r - r^3 / 3 + ...: what a polynomial makes of it ends at r = 1, the image's corners are at 1.67 rad.
+    polynomial = Camera(640, 480, fisheye.K, (-1 / 3, 0.0, 0.0, 0.0))
+    errors = calibration_errors(polynomial, fisheye)
+    assert "fx_error_pct" not in errors
+    assert 0.2 < errors["projection_share"] < 0.9
+    assert np.isfinite(list(errors.values())).all()
+
+
 @pytest.mark.parametrize("tilt_deg", [3.0, 30.0, 55.0])
 def test_board_pose(tilt_deg: float) -> None:
     pose = camera_from_marker_of(normal_of(tilt_deg, 200), [0.02, 0.03, 0.5], 170)

@@ -67,11 +67,35 @@ def test_focal_length_grows_when_focused_close() -> None:
         focal_at_focus_px(50.0, 0.05, 5.0)
 
 
-def test_camera_file_round_trip() -> None:
-    camera = Camera(1280, 720, K, (-0.1, 0.02, 1e-3, 2e-3), focal_35mm_mm=26.0)
-    back = camera_from_json(camera_to_json(camera))
+@pytest.mark.parametrize(
+    ("model", "distortion", "written"),
+    [
+        ("opencv", (), "none"),
+        ("opencv", (-0.1, 0.02, 1e-3, 2e-3), "opencv"),
+        ("opencv", tuple(0.001 * i for i in range(14)), "opencv"),
+        ("fisheye", (0.0, 0.0, 0.0, 0.0), "fisheye"),
+    ],
+)
+def test_camera_file_round_trip(model: str, distortion: tuple[float, ...], written: str) -> None:
+    camera = Camera(1280, 720, K, distortion, focal_35mm_mm=26.0, distortion_model=model)
+    record = camera_to_json(camera)
+    assert record["distortion_model"] == written
+    back = camera_from_json(record)
     np.testing.assert_array_equal(back.K, camera.K)
-    assert (back.distortion, back.width_px, back.focal_35mm_mm) == (camera.distortion, 1280, 26.0)
+    assert (back.distortion, back.distortion_model) == (distortion, model)
+    assert (back.width_px, back.focal_35mm_mm) == (1280, 26.0)
+
+
+def test_a_camera_file_without_a_model_is_opencvs() -> None:
+    record = camera_to_json(Camera(1280, 720, K, (-0.1, 0.02, 1e-3, 2e-3)))
+    del record["distortion_model"]
+    assert camera_from_json(record).distortion_model == "opencv"
+
+
+def test_a_lens_model_that_is_none_is_refused() -> None:
+    for model, distortion in (("pinhole", ()), ("opencv", (0.1,) * 6), ("fisheye", ()), ("fisheye", (0.1,) * 5)):
+        with pytest.raises(ValueError, match="distortion"):
+            project(Camera(1280, 720, K, distortion, distortion_model=model), [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize(
@@ -83,9 +107,20 @@ def test_camera_file_round_trip() -> None:
         {"width_px": 10, "height_px": 10, "K": [[1, 0, 5], [0.1, 1, 5], [0, 0, 1]]},
         {"width_px": 10, "height_px": 10, "K": [[1, 0, float("nan")], [0, 1, 5], [0, 0, 1]]},
         {"width_px": 10, "height_px": 10, "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]], "distortion": [1, 2]},
+        {"width_px": 9, "height_px": 9, "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]], "distortion_model": "brown"},
+        {"width_px": 9, "height_px": 9, "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]], "distortion_model": "fisheye"},
+        {"width_px": 9, "height_px": 9, "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]], "distortion": [float("inf")] * 4},
+        {
+            "width_px": 9,
+            "height_px": 9,
+            "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]],
+            "distortion_model": "none",
+            "distortion": [0.1, 0, 0, 0],
+        },
         {"width_px": 0, "height_px": 10, "K": [[1, 0, 5], [0, 1, 5], [0, 0, 1]]},
     ],
 )
 def test_a_broken_camera_file_is_refused(broken: dict) -> None:
-    with pytest.raises(DataError, match="camera record"):
+    with pytest.raises(DataError, match="camera record") as caught:
         camera_from_json(broken)
+    assert "\n" not in str(caught.value)

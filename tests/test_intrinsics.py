@@ -48,6 +48,12 @@ def test_scaled_keeps_the_rest():
     assert parse_intrinsics("scaled:1").label == "scaled:1"
 
 
+def test_scaled_keeps_the_lens_model():
+    fisheye = Camera(1280, 720, K, (0.01, 0.0, 0.0, 0.0), distortion_model="fisheye")
+    camera = used("scaled:0.7", camera=fisheye)
+    assert (camera.distortion_model, camera.distortion) == ("fisheye", fisheye.distortion)
+
+
 def test_exif():
     camera = used("exif")
     assert camera.K[0, 0] == pytest.approx(28.0 * np.hypot(1280, 720) / np.hypot(36, 24))

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers_images import coverage_through_lens, picture
+from helpers_lenses import lens
 from PIL import Image
 
 from roundel.scenes.camera import Camera, camera_to_json
@@ -16,7 +17,7 @@ from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_poin
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
 from roundel.solver.estimates import SCHEMA, read_estimates, write_estimates
-from roundel.solver.locate import locate
+from roundel.solver.locate import fit_points, locate
 from roundel.solver.solve import check_methods, solve_dataset
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
@@ -85,6 +86,34 @@ def test_distortion_is_taken_from_the_points():
     # Without the distortion the ellipse is pixels off.
     (naive,) = locate(image, 0.12, SMALL)
     assert np.abs(naive.ellipse[:4] - ellipse[:4]).max() > 1.0
+
+
+@pytest.mark.parametrize("name", ["12", "14", "stretched", "equidistant"])
+def test_every_lens_is_taken_from_the_points(name):
+    real = lens(name)
+    # A quarter of the image of the real lens, with the disc off its axis.
+    k = real.K * [[0.25], [0.25], [1.0]]
+    camera = Camera(320, 180, k, real.distortion, distortion_model=real.distortion_model)
+    normal, centre = normal_of(30.0, 50.0), np.array([0.16, 0.08, 0.5])
+    ellipse = ellipse_of(normal, centre, 0.06, camera.K)
+    image = np.rint(200 - 160 * coverage_through_lens(ellipse, camera)).astype(np.uint8)
+    (estimate,) = locate(image, 0.12, camera)
+    angle, off, _ = oracle(estimate, normal, centre)
+    # Clean levels; the fisheye's image is half as large.
+    assert angle < 0.3
+    assert off < 2e-3
+    assert [row["distortion_model"] for row in estimate.rows()] == [camera.distortion_model] * 2
+
+
+def test_a_contour_outside_the_lens_is_a_failure():
+    # The lens ends at 0.77 of the focal length; the points are at 1.2 of it.
+    camera = Camera(320, 240, SMALL.K, (-0.25, 0.0, 0.0, 0.0))
+    angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * 10 + SMALL.K[:2, 2] + [1.2 * SMALL.K[0, 0], 0.0]
+    for method in ("ml", "direct"):
+        fit = fit_points(circle, np.ones(40), camera, method)
+        assert not fit
+        assert "outside the field" in fit.reason
 
 
 def test_kinds_of_images_agree():
@@ -261,6 +290,9 @@ def test_estimates_that_are_none(tmp_path):
         read_estimates(file)
     write_estimates([], file)
     assert read_estimates(file).num_rows == 0
+    # Files from before there were fisheyes.
+    pq.write_table(read_estimates(file).drop_columns(["distortion_model"]), file)
+    assert read_estimates(file).schema == SCHEMA
     pq.write_table(read_estimates(file).drop_columns(["cov_05", "status"]), file)
     with pytest.raises(DataError, match="cov_05, status"):
         read_estimates(file)

@@ -41,7 +41,9 @@ def test_a_dataset_is_complete_and_verifies(rendered: Path) -> None:
     assert len(dataset) == 4
     assert dataset.truth.num_rows == 4
     assert dataset.verify(full=True) == []
-    assert dataset.manifest["counts"] == {"frames": 4, "images": 4, "markers": 4, "groups": {"main": 4}}
+    flags = {"saturated": 0, "dark": 0, "occluded": 0}
+    counts = {"frames": 4, "images": 4, "markers": 4, "groups": {"main": 4}, "flags": flags}
+    assert dataset.manifest["counts"] == counts
     assert dataset.manifest["fidelity"]["circles"] == 4
     assert all(v > 50 for v in dataset.truth["edge_contrast_dn"].to_pylist())
     assert str(rendered) not in (rendered / "ds" / files.MANIFEST).read_text()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from helpers_lenses import OPENCV
 from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
@@ -107,6 +108,27 @@ def test_the_inner_circle_is_not_the_ring(tmp_path: Path) -> None:
     assert not np.array(table["solved"].to_pylist())[near].any()
 
 
+@pytest.mark.parametrize(
+    "lens",
+    [
+        "distortion_model: fisheye, distortion: [0.02, -0.01, 0.001, 0.0]",
+        f"distortion: {list(OPENCV['14'])}",
+    ],
+    ids=["fisheye", "14"],
+)
+def test_every_lens_is_scored_in_its_own_image(tmp_path: Path, lens: str) -> None:
+    text = POINTS.replace("focal_px: 1280", f"focal_px: 1280, {lens}")
+    wide = make_dataset(tmp_path / "ds", text)
+    rows = estimate_rows(wide, ["true"])
+    errors = np.array(scored(wide, tmp_path, rows).table["contour_error_px"].to_pylist())
+    # The true ellipses: what is left is that a foot point is sought with five steps.
+    assert errors.max() < 1e-6
+    # A file that does not name the model means OpenCV's, and of another model's numbers makes another image.
+    old = write_estimates(tmp_path / "old.parquet", rows, drop=("distortion_model",))
+    model = {run.cameras[0].distortion_model for run in read_runs([old], wide)} if "fisheye" in lens else {"opencv"}
+    assert model == {"opencv"}
+
+
 def test_rows_are_the_same_in_any_order(dataset: Dataset, tmp_path: Path) -> None:
     rows = estimate_rows(dataset, ["true", "scaled:0.7"], noise_px=0.1)
     shuffled = [rows[i] for i in np.random.default_rng(0).permutation(len(rows))]
@@ -131,7 +153,10 @@ def test_a_lone_candidate_is_judged_by_the_two_solutions(dataset: Dataset, tmp_p
         ({"normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}, DataError, "points away"),
         ({"ellipse_b_px": 1e3}, DataError, "a >= b > 0"),
         ({"fx_px": -3.0}, DataError, "focal lengths"),
-        ({"distortion": [0.1]}, DataError, "neither 0, 4 nor 5"),
+        ({"distortion": [0.1]}, DataError, "1 coefficients; opencv takes 0, 4, 5, 8, 12, 14"),
+        ({"distortion_model": "brown"}, DataError, "distortion_model 'brown' is unknown"),
+        ({"distortion_model": "fisheye", "distortion": [0.1] * 5}, DataError, "5 coefficients; fisheye takes 4"),
+        ({"distortion": [0.1, None, 0.0, 0.0]}, DataError, "not finite"),
         ({"candidate": 2}, DataError, "neither 0 nor 1"),
         ({"candidate": 1}, DataError, "two rows for frame 0"),
         ({"detection_id": -1}, DataError, "detection_id is negative"),

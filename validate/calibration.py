@@ -168,7 +168,8 @@ def _fit(
     for layout, seen, rotation, translation in zip(layouts, corners, rotations, translations, strict=True):
         in_camera = board_points_m(layout) @ cv2.Rodrigues(rotation)[0].T + np.ravel(translation)
         squared.append(np.sum((project(camera, in_camera) - seen) ** 2, axis=-1))
-    return camera, float(rms), float(np.sqrt(np.concatenate(squared).mean()))
+    # A polynomial may have been fitted beyond the field it grows in: a corner out there has no image, and no residual.
+    return camera, float(rms), float(np.sqrt(np.nanmean(np.concatenate(squared))))
 
 
 def calibration_to_json(calibration: Calibration, dataset_id: str | None, group: str | None) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.files import write_file
-from roundel.scenes.camera import Camera, normalise, project, undistort_px
+from roundel.scenes.camera import Camera, project, ray_direction
 from roundel.scenes.errors import NotComparableError
 from roundel.validate.board import BoardLayout, board_points_m
 from roundel.validate.calibration import (
@@ -36,12 +36,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ProjectionDifference:
-    """Difference of projection between two cameras over the whole image, px."""
+    """Difference of projection between two cameras over the whole image, px.
+
+    `share` is the part of the image's rays that both of them see: a calibrated polynomial may end short of the corners.
+    """
 
     mean_px: float
     max_px: float
     mean_rotated_px: float
     max_rotated_px: float
+    share: float
 
 
 def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference:
@@ -55,16 +59,18 @@ def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference
 
     u, v = np.linspace(0, truth.width_px - 1, 33), np.linspace(0, truth.height_px - 1, 19)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    xy = normalise(truth, undistort_px(truth, grid))
-    rays = np.column_stack([xy, np.ones(len(xy))])
+    rays = ray_direction(truth, grid)
+    seen = np.isfinite(project(camera, rays)).all(axis=-1)
+    rays, grid, share = rays[seen], grid[seen], float(seen.mean())
 
     def miss(rotation: Array) -> Array:
         return project(camera, rays @ cv2.Rodrigues(rotation)[0].T) - grid
 
-    plain = np.linalg.norm(miss(np.zeros(3)), axis=-1)
-    fit = least_squares(lambda r: miss(r).ravel(), np.zeros(3), x_scale=1e-3)
-    rotated = np.linalg.norm(miss(fit.x), axis=-1)
-    return ProjectionDifference(*(float(f(d)) for d in (plain, rotated) for f in (np.mean, np.max)))
+    # A ray that the rotation carries out of the field has no say in the fit.
+    fit = least_squares(lambda r: np.nan_to_num(miss(r)).ravel(), np.zeros(3), x_scale=1e-3)
+    plain, rotated = (np.linalg.norm(miss(r), axis=-1) for r in (np.zeros(3), fit.x))
+    mean, largest, *of_rotated = (float(f(d)) for d in (plain, rotated) for f in (np.nanmean, np.nanmax))
+    return ProjectionDifference(mean, largest, of_rotated[0], of_rotated[1], share)
 
 
 def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
@@ -74,7 +80,9 @@ def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
     -------
     dict
         fx_error_pct, fy_error_pct, cx_error_px, cy_error_px, k1_error ... k3_error, projection_mean_px,
-        projection_max_px, and the last two with the best rotation removed.
+        projection_max_px, the last two with the best rotation removed, and the share of the image they stand for.
+        Parameters are left out where the true lens has terms that the calibration has not: there each of them takes
+        up some of what is missing, and none is comparable.
     """
     if (camera.width_px, camera.height_px) != (truth.width_px, truth.height_px):
         raise NotComparableError(
@@ -82,8 +90,23 @@ def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
             f"{truth.width_px}x{truth.height_px} px; calibrate with this dataset's camera"
         )
     difference = projection_difference(camera, truth)
-    pad = (0.0,) * 5
+    return {
+        **_parameter_errors(camera, truth),
+        "projection_mean_px": difference.mean_px,
+        "projection_max_px": difference.max_px,
+        "projection_mean_rotated_px": difference.mean_rotated_px,
+        "projection_max_rotated_px": difference.max_rotated_px,
+        "projection_share": difference.share,
+    }
+
+
+def _parameter_errors(camera: Camera, truth: Camera) -> dict[str, float]:
     names = ("k1", "k2", "p1", "p2", "k3")
+    if camera.distortion_model != truth.distortion_model or truth.distortion_model != "opencv":
+        return {}
+    if any(truth.distortion[len(names) :]) or any(camera.distortion[len(names) :]):
+        return {}
+    pad = (0.0,) * len(names)
     pairs = zip(names, (camera.distortion + pad)[:5], (truth.distortion + pad)[:5], strict=True)
     return {
         "fx_error_pct": float(100 * (camera.K[0, 0] / truth.K[0, 0] - 1)),
@@ -91,10 +114,6 @@ def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
         "cx_error_px": float(camera.K[0, 2] - truth.K[0, 2]),
         "cy_error_px": float(camera.K[1, 2] - truth.K[1, 2]),
         **{f"{name}_error": float(a - b) for name, a, b in pairs},
-        "projection_mean_px": difference.mean_px,
-        "projection_max_px": difference.max_px,
-        "projection_mean_rotated_px": difference.mean_rotated_px,
-        "projection_max_rotated_px": difference.max_rotated_px,
     }
 
 
@@ -174,11 +193,18 @@ def calibration_lines(summary: dict[str, Any]) -> list[str]:
     total = summary["views"] + summary["missed_views"]
     views = f"{summary['views']} of {total} views, {summary['corners']} corners"
     lines = [f"calibration: {views}, RMS {summary['rms_px']:.4f} px"]
+    if "projection_mean_px" not in summary:
+        return lines
+    parameters = "its lens model has terms that the calibration has not, so that only projection compares"
     if "fx_error_pct" in summary:
-        lines.append(
-            f"against the true camera: fx {summary['fx_error_pct']:+.3f} %, fy {summary['fy_error_pct']:+.3f} %, "
-            f"cx {summary['cx_error_px']:+.3f} px, cy {summary['cy_error_px']:+.3f} px; "
-            f"projection off by {summary['projection_mean_px']:.3f} px in the mean, "
-            f"{summary['projection_max_px']:.3f} px at most"
+        parameters = (
+            f"fx {summary['fx_error_pct']:+.3f} %, fy {summary['fy_error_pct']:+.3f} %, "
+            f"cx {summary['cx_error_px']:+.3f} px, cy {summary['cy_error_px']:+.3f} px"
         )
+    share = summary["projection_share"]
+    over = "" if share == 1 else f" over {100 * share:.0f} % of the image; the calibrated lens ends short of the rest"
+    lines.append(
+        f"against the true camera: {parameters}; projection off by {summary['projection_mean_px']:.3f} px in the mean, "
+        f"{summary['projection_max_px']:.3f} px at most{over}"
+    )
     return lines

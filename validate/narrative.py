@@ -105,10 +105,11 @@ def _calibration_sentences(summary: dict[str, Any]) -> list[str]:
             f"{number(calibration['rms_px'])} px"
         )
         if "fx_error_pct" in calibration:
-            text += (
-                f"; its focal length is off by {number(abs(calibration['fx_error_pct']))} %, and over the whole image "
-                f"it projects {number(calibration['projection_mean_px'])} px off in the mean"
-            )
+            text += f"; its focal length is off by {number(abs(calibration['fx_error_pct']))} %"
+        if "projection_mean_px" in calibration:
+            share = calibration["projection_share"]
+            over = "the whole image" if share == 1 else f"the {number(100 * share)} % of the image that it reaches"
+            text += f"; over {over} it projects {number(calibration['projection_mean_px'])} px off in the mean"
         found.append(text + ".")
     board = next((r for r in summary["runs"] if r["method"] == CHESSBOARD), None)
     if board is not None and board["oracle"]["normal_error_deg"]["n"]:

@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera import Camera, lens_problem
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.solver.estimates import ESTIMATES, SCHEMA
+from roundel.solver.estimates import ESTIMATES, SCHEMA, with_lens_model
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "elli
 INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
 
 # What the validator reads. Other people's solvers may leave out the rest: edge residuals, covariance.
-_READ = (*KEY, "chosen", *NORMAL, *CENTRE, *ELLIPSE, *INTRINSICS, "distortion", "status", "reason")
+_READ = (*KEY, "chosen", *NORMAL, *CENTRE, *ELLIPSE, *INTRINSICS, "distortion", "distortion_model", "status", "reason")
 _SCHEMA = pa.schema([(name, SCHEMA.field(name).type) for name in _READ])
 
 
@@ -84,11 +84,11 @@ def read_estimates(path: str | Path) -> pa.Table:
         table = pq.read_table(file)
     except (OSError, pa.ArrowException) as error:
         raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
-    missing = [name for name in _READ if name not in table.column_names]
+    missing = [name for name in _READ if name not in (*table.column_names, "distortion_model")]
     if missing:
         raise DataError(f"{file}: has no column {', '.join(missing)}; docs/dataset-format.md lists them all")
     try:
-        return table.select(list(_READ)).cast(_SCHEMA)
+        return with_lens_model(table).select(list(_READ)).cast(_SCHEMA)
     except (pa.ArrowException, ValueError) as error:
         raise DataError(f"{file}: a column has the wrong type: {str(error).splitlines()[0]}") from error
 
@@ -129,21 +129,30 @@ def _floats(table: pa.Table, names: tuple[str, ...]) -> Array:
     return np.stack([np.asarray(table[name].to_numpy(), dtype=np.float64) for name in names], axis=-1)
 
 
+def _lenses(table: pa.Table) -> list[tuple[tuple[float, ...], str]]:
+    """Coefficients and model of each row; `none` is OpenCV's model without coefficients, as in cameras.json."""
+    coefficients = [
+        tuple(np.nan if c is None else float(c) for c in row or ()) for row in table["distortion"].to_pylist()
+    ]
+    models = table["distortion_model"].to_pylist()
+    return [(c, "opencv" if m == "none" and not c else m) for c, m in zip(coefficients, models, strict=True)]
+
+
 def _run(table: pa.Table, ok: NDArray[np.bool_], frame_size: dict[int, tuple[int, int]]) -> Run:
     frame_id = table["frame_id"].to_numpy()
     values = _floats(table, INTRINSICS)
     known: dict[tuple[Any, ...], int] = {}
     cameras: list[Camera] = []
     index = np.full(table.num_rows, -1)
-    for i, distortion in enumerate(table["distortion"].to_pylist()):
+    for i, (distortion, model) in enumerate(_lenses(table)):
         if np.isnan(values[i, 0]):
             continue
-        key = (*frame_size[int(frame_id[i])], *values[i].tolist(), *(distortion or []))
+        key = (*frame_size[int(frame_id[i])], *values[i].tolist(), model, *distortion)
         if key not in known:
             known[key] = len(cameras)
             fx, fy, skew, cx, cy = values[i]
             k = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-            cameras.append(Camera(key[0], key[1], k, tuple(distortion or ())))
+            cameras.append(Camera(key[0], key[1], k, distortion, distortion_model=model))
         index[i] = known[key]
     return Run(
         table["method"][0].as_py(),
@@ -190,7 +199,11 @@ def _check_keys(table: pa.Table) -> None:
 def _check_poses(table: pa.Table, ok: NDArray[np.bool_]) -> None:
     """Refuse what no solver may claim with status `ok`."""
     normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
-    focal, distortion = _floats(table, INTRINSICS), [len(d or ()) for d in table["distortion"].to_pylist()]
+    focal, lenses = _floats(table, INTRINSICS), _lenses(table)
+    # A run has few different lenses, and many rows.
+    wrong = {lens: lens_problem(lens[1], lens[0]) for lens in set(lenses)}
+    lens_wrong = np.array([bool(wrong[lens]) for lens in lenses])
+    which = int(np.argmax(ok & lens_wrong))
     candidate = table["candidate"].to_numpy()
     detection = table["detection_id"].to_numpy()
     chosen = table["chosen"].to_numpy(zero_copy_only=False)
@@ -211,7 +224,7 @@ def _check_poses(table: pa.Table, ok: NDArray[np.bool_]) -> None:
             (ok & ~(np.sum(normal * centre, axis=-1) < 0), "its normal points away from the camera"),
             (ok & ~((ellipse[:, 2] >= ellipse[:, 3]) & (ellipse[:, 3] > 0)), "its ellipse needs semi-axes a >= b > 0"),
             (ok & ~(focal[:, :2] > 0).all(axis=-1), "its focal lengths are not positive"),
-            (ok & ~np.isin(distortion, [0, 4, 5]), "its distortion has neither 0, 4 nor 5 coefficients"),
+            (ok & lens_wrong, f"its {wrong[lenses[which]]}"),
             (chosen & ~ok, "it is chosen, but its status is not ok"),
             (pair & chosen & np.append(chosen[1:], False), "both candidates are chosen"),
         )

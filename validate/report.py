@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from roundel.datasets.fidelity_summary import fidelity_lines
 from roundel.validate.figures import Picture
 from roundel.validate.narrative import commands, intrinsics_in_words, main_run, sentences
 from roundel.validate.overlays import Overlay
@@ -58,6 +59,8 @@ def render_report(summary: dict[str, Any], pictures: list[Picture], overlays: li
         any_chosen=any(r["branch_chosen"] for r in truth_runs),
         failures=_failures(summary["failures"]),
         facts=_facts(summary),
+        fidelity=_fidelity(summary),
+        fidelity_lines=fidelity_lines(summary["dataset"]["fidelity"]),
         cells=summary["cells"],
         calibration=summary["calibration"],
         metrics=summary["metrics"],
@@ -100,13 +103,24 @@ def _failures(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Settings and fidelity as lines of text."""
+    """Settings as lines of text."""
     flat: list[tuple[str, Any]] = []
-    for key, value in (*summary["settings"].items(), ("fidelity", summary["dataset"]["fidelity"])):
+    for key, value in summary["settings"].items():
         flat.extend((f"{key}: {k}", v) for k, v in value.items()) if isinstance(value, dict) else flat.append(
             (key, value)
         )
     return [(key, _plain(value)) for key, value in flat]
+
+
+def _fidelity(summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of the table of fidelity: over all circles, then by effect if there are several."""
+    measured = summary["dataset"]["fidelity"] or {}
+    if not measured.get("circles"):
+        return []
+    effects = measured.get("by_effect", {})
+    rows = [{"effect": "every one" if len(effects) > 1 else next(iter(effects), "every one"), **measured}]
+    rows += [{"effect": name, **figures} for name, figures in effects.items()] if len(effects) > 1 else []
+    return [{**row, "effect": row["effect"].replace("_", " ")} for row in rows]
 
 
 def _plain(value: Any) -> str:

@@ -16,8 +16,6 @@ from roundel.scenes.errors import DataError
 
 Array = NDArray[np.float64]
 
-CIRCULAR = ("disc", "ring")
-
 # Points of the contour that are compared: over 64 of the 256 the mean differs by less than 1e-3 of itself.
 CONTOUR_POINTS = 64
 
@@ -107,12 +105,13 @@ def poses_of(truth: pa.Table) -> Array:
 
 def frame_cameras(dataset: Dataset) -> tuple[dict[int, int], list[Camera]]:
     """Camera of each frame as an index into the distinct ones."""
-    known: dict[tuple[float, ...], int] = {}
+    known: dict[tuple[object, ...], int] = {}
     cameras: list[Camera] = []
     index: dict[int, int] = {}
     for i, frame_id in enumerate(dataset.images.frame_ids):
         camera = dataset.images.camera(i)
-        key = (camera.width_px, camera.height_px, *camera.K.ravel().tolist(), *camera.distortion)
+        size = camera.width_px, camera.height_px
+        key = (*size, *camera.K.ravel().tolist(), camera.distortion_model, *camera.distortion)
         if key not in known:
             known[key] = len(cameras)
             cameras.append(camera)
@@ -123,7 +122,11 @@ def frame_cameras(dataset: Dataset) -> tuple[dict[int, int], list[Camera]]:
 def rows_of_kind(dataset: Dataset, kinds: tuple[str, ...]) -> pa.Table:
     """Rows of the truth with one of these kinds, sorted by frame and marker."""
     wanted = pc.is_in(dataset.truth["kind"], value_set=pa.array(kinds))
-    return dataset.truth.filter(wanted).sort_by([("frame_id", "ascending"), ("marker_id", "ascending")])
+    return _in_order(dataset.truth.filter(wanted))
+
+
+def _in_order(truth: pa.Table) -> pa.Table:
+    return truth.sort_by([("frame_id", "ascending"), ("marker_id", "ascending")])
 
 
 def true_targets(dataset: Dataset, extent_D: float) -> Targets:
@@ -134,7 +137,8 @@ def true_targets(dataset: Dataset, extent_D: float) -> Targets:
     DataError
         If the truth lacks a column, or speaks of frames that the dataset does not have.
     """
-    truth = rows_of_kind(dataset, CIRCULAR)
+    circular = np.isfinite(columns_of(dataset.truth, ["radius_m"])[:, 0])
+    truth = _in_order(dataset.truth.filter(pa.array(circular)))
     index, cameras = frame_cameras(dataset)
     frame_id = truth["frame_id"].to_numpy()
     unknown = set(frame_id.tolist()) - set(index)

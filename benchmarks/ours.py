@@ -1,0 +1,88 @@
+"""Roundel's own frames: seconds, rays, and two images of different seeds to measure.
+
+    python ours.py JOB.json
+
+JOB: `study`, `frames` (how many are timed), `threads`, `out` (a folder), `result`.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from stopwatch import RayCounter
+
+from roundel.datasets import journal
+from roundel.render import radiance as radiance_module
+from roundel.render.backend import start
+from roundel.render.radiance import render_radiance
+from roundel.render.run import render_frame
+from roundel.scenes.frame import Frame, frame_of, total_frames
+from roundel.scenes.study import load_study
+from roundel.scenes.truth import truth_of
+
+
+def clock(work: Callable[[], Any]) -> tuple[float, float]:
+    """Wall and processor seconds of one call, all threads counted."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    work()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def without_exr(frame: Frame) -> Frame:
+    render = frame.settings.render.model_copy(update={"radiance": False})
+    return replace(frame, settings=frame.settings.model_copy(update={"render": render}))
+
+
+def main() -> None:
+    job = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    out = Path(job["out"])
+    study = load_study(job["study"])
+    total = total_frames(study)
+    began = time.perf_counter()
+    mi = start(threads=job["threads"])
+    starting = time.perf_counter() - began
+    rays = RayCounter()
+
+    def labelled(index: int, exr: bool) -> None:
+        """What `roundel render` does for one frame, its row of the truth included."""
+        frame = frame_of(study, index % total)
+        entry, _ = render_frame(mi, frame if exr else without_exr(frame), out)
+        journal.append(out, entry)
+        truth_of(frame)
+
+    first, _ = clock(lambda: labelled(0, True))
+    labelled(1, True)
+    frame = frame_of(study, 0)
+    for seed in (1, 2):
+        np.save(out / f"seed_{seed}.npy", render_radiance(mi, replace(frame, ray_seed=seed)).mean)
+    seconds: dict[str, list[tuple[float, float]]] = {"labelled": [], "no_exr": [], "radiance": [], "general": []}
+    counted = []
+    for i in range(job["frames"]):
+        rays.rays = 0
+        seconds["labelled"].append(clock(lambda i=i: labelled(i, True)))
+        counted.append(rays.rays)
+        seconds["no_exr"].append(clock(lambda i=i: labelled(i, False)))
+        at = frame_of(study, i % total)
+        seconds["radiance"].append(clock(lambda at=at: render_radiance(mi, at)))
+    # The same frame through Mitsuba's own integrator, as any scene goes that has no closed form.
+    if job["general"]:
+        radiance_module.is_plain = lambda _: False
+        render_radiance(mi, frame)
+        for i in range(job["general"]):
+            at = frame_of(study, i % total)
+            seconds["general"].append(clock(lambda at=at: render_radiance(mi, at)))
+        for seed in (1, 2):
+            np.save(out / f"general_{seed}.npy", render_radiance(mi, replace(frame, ray_seed=seed)).mean)
+    answer = {"seconds": seconds, "rays": counted, "starting_s": starting, "first_frame_s": first}
+    Path(job["result"]).write_text(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()

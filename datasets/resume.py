@@ -1,0 +1,59 @@
+"""A dataset in the making: its folder made ready, its finished frames found again, each new one recorded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from roundel.datasets import files, journal
+from roundel.datasets.finish import study_bytes
+from roundel.scenes.errors import DataError, RoundelError, UsageError
+from roundel.scenes.study import Study, load_study
+
+
+def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
+    """The folder, made ready: the journal's entries whose files are there.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds another study's dataset, or something else.
+    DataError
+        If its study is corrupt.
+    """
+    if dataset.exists() and not dataset.is_dir():
+        raise UsageError(f"{dataset}: is a file; name a folder for the dataset")
+    held = dataset / files.STUDY
+    if held.is_file():
+        try:
+            digest = load_study(held).digest()
+        except RoundelError as error:
+            raise DataError(f"{held}: corrupt ({error}); name another folder, or remove this one") from error
+        if digest != study.digest():
+            raise UsageError(
+                f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, not {study.digest()[:12]}); "
+                "name another folder, remove this one, or restore the study"
+            )
+    elif dataset.is_dir() and any(dataset.iterdir()):
+        raise UsageError(f"{dataset}: is not empty and no dataset; name another folder")
+    else:
+        files.write_file(held, study_bytes(study))
+    for folder in (dataset, dataset / "images", dataset / "radiance"):
+        for leftover in folder.glob(".*.part"):
+            leftover.unlink()
+    return {i: entry for i, entry in journal.read(dataset).items() if journal.is_done(dataset, entry)}
+
+
+def reopen(dataset: Path, entries: dict[int, journal.Entry]) -> None:
+    """Make way for frames that are still to come: what follows changes files that the manifest vouches for."""
+    (dataset / files.MANIFEST).unlink(missing_ok=True)
+    if len(entries) < len(journal.read(dataset)):
+        journal.rewrite(dataset, entries)
+
+
+def record(dataset: Path, entries: dict[int, journal.Entry], entry: journal.Entry, seconds: dict[str, float]) -> None:
+    """Enter a finished frame, whose files are safe: its journal line, and what the clock saw."""
+    journal.append(dataset, entry)
+    entries[entry["frame_id"]] = entry
+    line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})
+    files.append_line(dataset / files.TIMINGS, line)

@@ -1,0 +1,69 @@
+"""A developed frame on disk: the bytes of its files, and its line in the journal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from roundel.datasets import files, journal
+from roundel.datasets.flags import frame_flags
+from roundel.datasets.radiance import Planes
+from roundel.render.develop import Developed
+from roundel.render.encode import jpeg_bytes, png_bytes
+from roundel.scenes.frame import Frame
+from roundel.scenes.truth import truth_of
+
+
+def image_file(frame: Frame, developed: Developed) -> dict[str, bytes]:
+    """The image as {name: bytes}."""
+    sensor = frame.settings.sensor
+    if sensor.jpeg_quality is None:
+        data = png_bytes(developed.image, sensor.bits)
+    else:
+        data = jpeg_bytes(developed.image, sensor.jpeg_quality)
+    return {files.image_name(frame.frame_id, sensor.image_suffix): data}
+
+
+def coverage_channel(marker_id: int) -> str:
+    """Name of the plane that holds a marker's coverage."""
+    return f"coverage.{marker_id}"
+
+
+def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
+    """Write the files of a frame; what the journal says of them."""
+    for name, data in written.items():
+        files.write_file(dataset / name, data)
+    return {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()}
+
+
+def entry_of(
+    frame: Frame, developed: Developed, planes: Planes, fidelity: dict[str, Any], listed: dict[str, dict[str, Any]]
+) -> journal.Entry:
+    """The frame's journal line: files with checksums, sensor, exposure, flags, photometry, fidelity.
+
+    Parameters
+    ----------
+    frame : Frame
+    developed : Developed
+    planes : dict
+        At least `Y` and the coverage of each circle.
+    fidelity : dict
+        What was measured of each circle when the frame was rendered.
+    listed : dict
+        `write_frame`'s.
+    """
+    return {
+        "frame_id": frame.frame_id,
+        "group": frame.group,
+        "files": listed,
+        "exposure_e": developed.exposure_e,
+        "saturated_fraction": developed.saturated_fraction,
+        "sensor": developed.record(),
+        "flags": frame_flags(developed.flags, (row["visible_fraction"] for row in truth_of(frame))),
+        "photometry": {
+            str(part.marker_id): developed.edge(planes["Y"], planes[coverage_channel(part.marker_id)])
+            for part in frame.sheet.parts
+            if part.radius_m is not None
+        },
+        "fidelity": fidelity,
+    }
