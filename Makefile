@@ -2,12 +2,14 @@
 
 PYTHON ?= python3
 PYTEST_FLAGS ?=
+BENCH_FLAGS ?=
+BENCH_PYTHON ?= python3.11
 BIN = .venv/bin
 ROOMS = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo test test-slow check links bench clean distclean
+.PHONY: help env demo test test-slow check links bench bench-env clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -46,11 +48,18 @@ links:
 	@for room in $(ROOMS); do [ -L .links/roundel/$$room ] || ln -s ../../$$room .links/roundel/$$room || exit 1; done
 
 bench: env ## speed and accuracy against peers
-	@if [ -f benchmarks/run.py ]; then $(BIN)/python benchmarks/run.py; else echo "no benchmarks yet: there is no benchmarks/run.py"; fi
+	$(BIN)/python benchmarks/run.py $(BENCH_FLAGS)
+
+bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
+	@$(BENCH_PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
+	    echo "error: bpy needs Python 3.11; '$(BENCH_PYTHON)' is not: try make bench-env BENCH_PYTHON=..." >&2; exit 1; }
+	$(BENCH_PYTHON) -m venv .venv-bench
+	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
+	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
 clean: ## remove caches, links, build products and out/demo
 	rm -rf .links .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist roundel.egg-info out/demo
 	find $(ROOMS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## clean, and remove .venv too
-	rm -rf .venv
+distclean: clean ## clean, and remove .venv and .venv-bench too
+	rm -rf .venv .venv-bench

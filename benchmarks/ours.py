@@ -53,7 +53,7 @@ def main() -> None:
     def labelled(index: int, exr: bool) -> None:
         """What `roundel render` does for one frame, its row of the truth included."""
         frame = frame_of(study, index % total)
-        entry, _ = render_frame(mi, frame if exr else without_exr(frame), out)
+        entry, _ = render_frame(frame if exr else without_exr(frame), out)
         journal.append(out, entry)
         truth_of(frame)
 

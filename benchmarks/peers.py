@@ -24,9 +24,12 @@ _AIM = 0.0097
 
 
 def find_bpy() -> str | None:
-    """An interpreter that has `bpy`: this one, or the one that ROUNDEL_BENCH_PYTHON names."""
-    for python in (sys.executable, os.environ.get("ROUNDEL_BENCH_PYTHON")):
-        if python and subprocess.run([python, "-c", "import bpy"], capture_output=True, check=False).returncode == 0:
+    """An interpreter that has `bpy`: this one, that of `make bench-env`, or the one ROUNDEL_BENCH_PYTHON names."""
+    made = HERE.parent / ".venv-bench" / "bin" / "python"
+    for python in (os.environ.get("ROUNDEL_BENCH_PYTHON"), sys.executable, str(made)):
+        if not python or not os.access(python, os.X_OK):
+            continue
+        if subprocess.run([python, "-c", "import bpy"], capture_output=True, check=False).returncode == 0:
             return python
     return None
 

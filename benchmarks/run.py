@@ -3,7 +3,7 @@
     python benchmarks/run.py [--quick] [--no-peers] [--frames N]
 
 Writes results.md and results.json beside this file. Every renderer runs in a process of its own, one after another, on
-two threads. Cycles needs `bpy`, here or in the interpreter that ROUNDEL_BENCH_PYTHON names.
+two threads. Cycles needs `bpy`: `make bench-env`, or an interpreter that ROUNDEL_BENCH_PYTHON names.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def main() -> int:
             python = find_bpy()
             if python is None:
                 results["no_cycles"] = (
-                    "Cycles: not measured. It needs bpy on Python 3.11: pip install 'roundel[bench]', or name an "
+                    "Cycles: not measured. It needs bpy on Python 3.11: `make bench-env` installs it, or name an "
                     "interpreter that has it in ROUNDEL_BENCH_PYTHON."
                 )
                 say(results["no_cycles"])

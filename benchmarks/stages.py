@@ -48,11 +48,13 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
     from roundel.scenes.truth import truth_of
 
     study, watch = load_study(study_path), Stopwatch()
-    mi = start()
+    start()
     missing = [f"{module}.{name}" for label, module, name in STAGES if not watch.wrap(label, module, name)]
+    # What is spent while neither of the two is at work, in whatever thread, is overhead.
     placing = watch.timed("placing the frame", frame_of)
     truth, append = watch.timed("truth", truth_of), watch.timed("journal entry", journal.append)
     rows: list[dict[str, float]] = []
+    spent: list[float] = []
     profiler = None
     if profile:
         import cProfile
@@ -65,21 +67,23 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
                 profiler.enable()
             began = time.perf_counter()
             frame = placing(study, i % total_frames(study))
-            entry, _ = run_module.render_frame(mi, frame, Path(folder))
+            entry, _ = run_module.render_frame(frame, Path(folder))
             append(Path(folder), entry)
             truth(frame)
             total = time.perf_counter() - began
             if profiler:
                 profiler.disable()
             if i >= 2:  # the first two compile kernels
-                rows.append({**watch.seconds, "rest": total - sum(watch.seconds.values()), "total": total})
+                beside = {f"{label} (in another thread)": v for label, v in watch.beside.items()}
+                rest = total - sum(watch.seconds.values())
+                rows.append({**watch.seconds, **beside, "rest": rest, "total": total})
+                spent.append(total - watch.covered(INTEGRATOR, COMPRESSION))
     if profiler:
         import pstats
 
         pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
     labels = list(dict.fromkeys(label for row in rows for label in row))
     medians = {label: float(np.median([row.get(label, 0.0) for row in rows])) for label in labels}
-    spent = [row["total"] - row.get(INTEGRATOR, 0.0) - row.get(COMPRESSION, 0.0) for row in rows]
     return {
         "frames": frames,
         "seconds": medians,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -11,27 +12,39 @@ from typing import Any
 
 
 class Stopwatch:
-    """Exclusive wall seconds of labelled functions; a function called within another is taken off the outer one."""
+    """Wall seconds of labelled functions.
+
+    `seconds` are exclusive: a function called within another is taken off the outer one. What other threads did in the
+    meantime is in `beside`. `spans` holds when each call of a label began and ended.
+    """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
-        self._inner = [0.0]
+        self.beside: dict[str, float] = defaultdict(float)
+        self.spans: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        self._main = threading.get_ident()
+        self._local = threading.local()
 
     def reset(self) -> None:
-        self.seconds.clear()
-        self._inner = [0.0]
+        for kept in (self.seconds, self.beside, self.spans):
+            kept.clear()
 
     def timed(self, label: str, function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> Any:
-            self._inner.append(0.0)
+            if not hasattr(self._local, "inner"):
+                self._local.inner = [0.0]
+            inner = self._local.inner
+            inner.append(0.0)
             began = time.perf_counter()
             try:
                 return function(*args, **kwargs)
             finally:
-                took = time.perf_counter() - began
-                self.seconds[label] += took - self._inner.pop()
-                self._inner[-1] += took
+                ended = time.perf_counter()
+                kept = self.seconds if threading.get_ident() == self._main else self.beside
+                kept[label] += ended - began - inner.pop()
+                inner[-1] += ended - began
+                self.spans[label].append((began, ended))
 
         return wrapper
 
@@ -43,6 +56,14 @@ class Stopwatch:
             return False
         setattr(home, name, self.timed(label, function))
         return True
+
+    def covered(self, *labels: str) -> float:
+        """Seconds during which at least one of these was running, in whatever thread."""
+        total = reached = 0.0
+        for began, ended in sorted(span for label in labels for span in self.spans[label]):
+            total += max(0.0, ended - max(began, reached))
+            reached = max(reached, ended)
+        return total
 
 
 class RayCounter:

@@ -36,7 +36,7 @@ def disk_bytes(study: Study) -> float:
 
 def _rays(frame: Frame) -> float:
     """Rays of a frame, about."""
-    from roundel.render.samples import sample_map
+    from roundel.render.bands import sample_map
 
     plan, render = sample_map(frame), frame.settings.render
     band = int(plan.edge.sum()) * (_RAYS_A_BAND_PIXEL if render.target_error else render.band_samples)

@@ -28,8 +28,8 @@ _CHUNK = 60_000
 # Poses over exposure and read-out, as polynomials of this degree in time: exact to 1e-12 for a quarter of a turn.
 _DEGREE = 12
 
-# A row may see an edge displaced by this many rows from where the edge crosses it; more outruns the shutter.
-_MAX_ROWS = 12
+# Faster edges, in rows a row, outrun the shutter; others are found within so many rows of where they were looked for.
+_FASTEST, _MAX_ROWS = 0.8, 24
 
 # Steps to the row that sees a point; each shrinks the error by the speed, in rows a row.
 _ROW_STEPS = 8
@@ -51,25 +51,20 @@ class Box:
     high: Array
 
 
-def image_points(frame: Frame, points: list[Array], nodes: Nodes, box: Box | None = None) -> tuple[Array, Array]:
-    """Where points of the camera frame (three arrays (n, ...)) are imaged, each at its own of n nodes."""
+def image_points(
+    frame: Frame, points: list[Array], lens_m: Array, airy_px: Array, box: Box | None = None
+) -> tuple[Array, Array]:
+    """Where points of the camera frame (three arrays) are imaged, by their points of lens and Airy pattern (2, ...)."""
     camera = frame.camera
     x, y, z = points
-    per_node = (-1,) + (1,) * (z.ndim - 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where(z > 0, 1 / z, np.nan)
-    lens = 1 / camera.focus_distance_m - inverse
-    straight = np.stack(
-        [
-            x * inverse + nodes.lens_m[:, 0].reshape(per_node) * lens,
-            y * inverse + nodes.lens_m[:, 1].reshape(per_node) * lens,
-        ],
-        axis=-1,
-    )
+    out_of_focus = 1 / camera.focus_distance_m - inverse
+    straight = np.stack([x * inverse + lens_m[0] * out_of_focus, y * inverse + lens_m[1] * out_of_focus], axis=-1)
     if box is not None:
         straight = np.clip(straight, box.low, box.high)
     px = distort_px(camera, denormalise(camera, straight))
-    return px[..., 0] - nodes.airy_px[:, 0].reshape(per_node), px[..., 1] - nodes.airy_px[:, 1].reshape(per_node)
+    return px[..., 0] - airy_px[0], px[..., 1] - airy_px[1]
 
 
 def _placed(pose: Array, x: Array, y: Array) -> list[Array]:
@@ -99,7 +94,7 @@ def images_of(frame: Frame, x: Array, y: Array, nodes: Nodes, box: Box | None = 
     row = np.full(shape if rolls else (len(nodes), 1), frame.motion.centre_row_px)
     for _ in range(_ROW_STEPS if rolls else 1):
         pose = _poses(frame, nodes.time_s[:, None] + frame.motion.row_time_s(row))
-        px = image_points(frame, _placed(pose, x, y), nodes, box)
+        px = image_points(frame, _placed(pose, x, y), nodes.lens_m.T[:, :, None], nodes.airy_px.T[:, :, None], box)
         row = px[1]
     return px
 
@@ -151,35 +146,43 @@ def _add_rolling(frame: Frame, x: Array, y: Array, nodes: Nodes, weights: Array,
     x1, y1 = (np.roll(a, -1, axis=1).ravel() for a in (x, y))
     x0, y0 = x.ravel(), y.ravel()
 
+    lens, airy = (np.repeat(a.T, size, axis=1) for a in (nodes.lens_m, nodes.airy_px))
+
     def at(which: Cells | slice, row: Cells, x: Array, y: Array) -> tuple[Array, Array]:
-        i = node[which]
-        return image_points(frame, _placed(table[i, row - low], x[which], y[which]), nodes.part(i), box)
+        points = _placed(table[node[which], row - low], x[which], y[which])
+        return image_points(frame, points, lens[:, which], airy[:, which], box)
 
     # Which row sees a vertex: known well for the first node, and from there within a row for all.
-    first = nodes.part(0, 1)
-    _, near = images_of(frame, x[:1], y[:1], first, box)
+    _, near = images_of(frame, x[:1], y[:1], nodes.part(0), box)
     row = np.clip(np.rint(near), low, high - 1).astype(np.int64)
     ahead = np.where(row > low, -1, 1)
-    beside, here = (
-        image_points(frame, _placed(table[:1][0, r - low], x[:1], y[:1]), first, box)[1] for r in (row + ahead, row)
-    )
-    speed = np.broadcast_to((beside - here) * ahead, (count, size)).ravel()
+    one = slice(size)
+    beside, here = (at(one, r[0], x0, y0)[1] for r in (row + ahead, row))
+    speed = np.tile((beside - here) * ahead[0], count)
     fastest = float(np.abs(speed).max())
     everything = slice(None)
     row = np.broadcast_to(row, (count, size)).ravel()
     guess = at(everything, row, x0, y0)[1]
     row = np.clip(np.rint(row + (guess - row) / (1 - speed)), low, high - 1).astype(np.int64)
     px = at(everything, row, x0, y0)
-    # In row + d a segment stands at y + speed d: the row sees it if that is within half a row and a segment's length.
-    step = np.abs(np.diff(px[1].reshape(count, size), axis=1, append=px[1].reshape(count, size)[:, :1]))
-    slack = 0.55 + float(step.max()) + 1.1 * fastest
-    reach = int(np.ceil((slack + 0.6 + fastest) / max(1 - fastest, 1e-9)))
-    if reach > _MAX_ROWS:
+    if fastest >= _FASTEST:
         raise OutrunsShutterError(f"the marker moves by {fastest:.2g} rows while one row is read")
+    # In row + d a segment from y to y + rise stands at y + speed d; its other end was seen some rows aside.
+    rise = (np.roll(px[1].reshape(count, size), -1, axis=1) - px[1].reshape(count, size)).ravel()
+    top, bottom = px[1] + np.minimum(rise, 0.0) - row, px[1] + np.maximum(rise, 0.0) - row
+    slack = 0.52 + 2.2 * fastest
+    found = (row > low) & (row < high - 1)
+    farthest = max(float(-top[found].min(initial=0.0)), float(bottom[found].max(initial=0.0)))
+    reach = min(int(np.ceil((slack + farthest) / (1 - fastest))), _MAX_ROWS)
     for d in range(-reach, reach + 1):
-        which = np.flatnonzero(np.abs(px[1] + speed * d - row - d) < slack)
-        seen = row[which] + d
-        keep = (seen >= into.row0) & (seen < into.row0 + into.height)
-        which, seen = which[keep], seen[keep]
+        ahead_of = (1 - speed) * d
+        seen = row + d
+        which = np.flatnonzero(
+            (bottom > ahead_of - slack)
+            & (top < ahead_of + slack)
+            & (seen >= into.row0)
+            & (seen < into.row0 + into.height)
+        )
+        seen = seen[which]
         start, end = at(which, seen, x0, y0), at(which, seen, x1, y1)
         into.add_to_rows(*start, *end, weights[:, node[which]], seen)

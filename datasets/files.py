@@ -20,6 +20,7 @@ TRUTH = "truth.parquet"
 TRUTH_CSV = "truth.csv"
 CAMERAS = "cameras.json"
 POINTS = "points.parquet"
+ROWS = "rows.parquet"
 JOURNAL = "journal.jsonl"
 TIMINGS = "timings.jsonl"
 

@@ -14,10 +14,11 @@ import yaml
 from roundel.datasets import files, journal
 from roundel.datasets.fidelity_summary import summarise
 from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
-from roundel.datasets.truth_table import POINTS_SCHEMA, csv_bytes, parquet_bytes, truth_table
+from roundel.datasets.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.scenes.camera import camera_to_json
 from roundel.scenes.edge_points import edge_points_of
 from roundel.scenes.frame import Frame, frames_of, total_frames
+from roundel.scenes.row_poses import row_poses_of
 from roundel.scenes.study import Study
 from roundel.scenes.truth import truth_of
 
@@ -90,11 +91,13 @@ def finish_dataset(
     """
     rows: list[dict[str, Any]] = []
     cameras: list[dict[str, Any]] = []
+    row_poses: list[dict[str, Any]] = []
     points: dict[str, list[Any]] = {name: [] for name in POINTS_SCHEMA.names}
     for frame in frames_of(study):
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
         for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
+            row_poses += row_poses_of(frame, part)
             flags = ",".join(marker_flags(entry.get("flags", ()), row["visible_fraction"]))
             rows.append({**row, **photometry.get(str(part.marker_id), {}), "flags": flags})
             if frame.settings.mode == "points" and part.radius_m is not None:
@@ -111,6 +114,8 @@ def finish_dataset(
         files.TRUTH_CSV: csv_bytes(table),
         files.CAMERAS: _json({"schema": 1, "frames": cameras}),
     }
+    if row_poses:
+        written[files.ROWS] = parquet_bytes(pa.Table.from_pylist(row_poses, schema=ROWS_SCHEMA))
     if points["frame_id"]:
         written[files.POINTS] = parquet_bytes(pa.table(points, schema=POINTS_SCHEMA))
     for name, data in written.items():

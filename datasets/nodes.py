@@ -121,20 +121,20 @@ def active_dimensions(camera: Camera, motion: Motion, softness_m: float) -> int:
 
 
 # How many nodes leave an error below 1e-3 of the contrast (RMS over the pixels of the edge): along one dimension few
-# do; the long tail of the Airy pattern asks for more, unless motion smooths it.
+# do; the long tail of the Airy pattern asks for more.
 _ALONG_ONE, _COMMON, _AIRY = 128, 1024, 2048
 
 
-def _count(camera: Camera, motion: Motion, dimensions: int) -> int:
+def _count(camera: Camera, dimensions: int) -> int:
     if dimensions == 1:
         return _ALONG_ONE
-    return _AIRY if camera.wavelengths_m and not (motion.moves and motion.exposure_s > 0) else _COMMON
+    return _AIRY if camera.wavelengths_m else _COMMON
 
 
 def nodes_of(camera: Camera, motion: Motion, softness_m: float, count: int | None = None) -> Nodes:
     """Nodes for all that blurs an edge: a single one if nothing does, else `count`, a power of two."""
     dimensions = active_dimensions(camera, motion, softness_m)
-    count = _count(camera, motion, dimensions) if count is None else count
+    count = _count(camera, dimensions) if count is None else count
     if dimensions == 0:
         return Nodes(np.zeros((1, 2)), np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)))
     # Half of the nodes mirror the others: what blurs evenly to all sides must not displace an edge.

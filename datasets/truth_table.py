@@ -53,6 +53,17 @@ TRUTH_SCHEMA = pa.schema(
     ]
 )
 
+# The last row of a rigid pose, 0 0 0 1, is left out.
+ROWS_SCHEMA = pa.schema(
+    [
+        ("frame_id", pa.int64()),
+        ("marker_id", pa.int64()),
+        ("row", pa.int64()),
+        ("time_s", _F),
+        *[(f"camera_from_marker_{i}{j}", _F) for i in range(3) for j in range(4)],
+    ]
+)
+
 POINTS_SCHEMA = pa.schema([("frame_id", pa.int64()), ("marker_id", pa.int64()), ("x_px", _F), ("y_px", _F)])
 
 

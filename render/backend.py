@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.scenes.errors import RoundelError
+from roundel.scenes.frame import Frame
 
 DEFAULT_VARIANT = "llvm_ad_mono"
 OLDEST_LLVM = 16
@@ -136,6 +137,13 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
 
         dr.set_thread_count(threads)
     return mi
+
+
+def variant_of(frame: Frame, variant: str = DEFAULT_VARIANT) -> str:
+    """The variant a frame needs: `variant`, with colours where a mosaic or a sky asks for them."""
+    from roundel.render.lights import needs_colour
+
+    return variant.replace("_mono", "_rgb") if needs_colour(frame) else variant
 
 
 def environment(variant: str = DEFAULT_VARIANT) -> dict[str, Any]:

@@ -49,6 +49,12 @@ def unit_of(frame: Frame) -> float:
     return float(sky.scale) if sky is not None and sky.scale > 0 else 1.0
 
 
+def environment_of(mi: Any, frame: Frame) -> Any:
+    """The map or the sky of a frame alone, as a Mitsuba emitter."""
+    environment = emitters(mi, frame)["environment"]
+    return mi.load_dict(environment) if isinstance(environment, dict) else environment
+
+
 def emitters(mi: Any, frame: Frame) -> dict[str, Any]:
     """The emitters of a frame, as entries of a Mitsuba scene, in its unit of radiance."""
     light = frame.settings.light

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.render.bands import sample_map
 from roundel.render.rays import Optics, colour_index, colours_of, optics_of, shoot
-from roundel.render.samples import counts_of, sample_map
+from roundel.render.samples import counts_of
 from roundel.render.scene import build_scene, trace_built
 from roundel.render.transport import is_plain, plain_scene, trace
 from roundel.scenes.frame import Frame

@@ -18,7 +18,7 @@ from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.finish import finish_dataset
 from roundel.datasets.radiance import encode_radiance
 from roundel.datasets.resume import prepare, record, reopen
-from roundel.render.backend import DEFAULT_VARIANT, environment, start
+from roundel.render.backend import DEFAULT_VARIANT, environment, start, variant_of
 from roundel.render.develop import develop
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
 from roundel.scenes.errors import DataError, UsageError
@@ -28,7 +28,7 @@ from roundel.scenes.study import Study, load_study
 Progress = Callable[[int, int], None]
 
 
-def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, dict[str, float]]:
+def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) -> tuple[journal.Entry, dict[str, float]]:
     """Render, measure, develop and write one frame.
 
     Returns
@@ -41,7 +41,7 @@ def render_frame(mi: Any, frame: Frame, dataset: Path) -> tuple[journal.Entry, d
     from roundel.render.radiance import render_radiance
 
     clock = [time.perf_counter()]
-    radiance = render_radiance(mi, frame)
+    radiance = render_radiance(start(variant_of(frame, variant)), frame)
     clock.append(time.perf_counter())
     developed = develop(frame, radiance.mean)
     planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
@@ -71,11 +71,12 @@ def _start_worker(study_path: str, digest: str, dataset: str, variant: str, thre
     study = load_study(study_path)
     if study.digest() != digest:
         raise UsageError(f"{study_path}: changed while it was being rendered; run again")
-    _worker.update(study=study, dataset=Path(dataset), mi=start(variant, threads))
+    _worker.update(study=study, dataset=Path(dataset), variant=variant)
+    start(variant, threads)
 
 
 def _work(frame_id: int) -> tuple[journal.Entry, dict[str, float]]:
-    return render_frame(_worker["mi"], frame_of(_worker["study"], frame_id), _worker["dataset"])
+    return render_frame(frame_of(_worker["study"], frame_id), _worker["dataset"], _worker["variant"])
 
 
 def _rendered(
@@ -85,9 +86,9 @@ def _rendered(
     if not frame_ids:
         return
     if jobs == 1:
-        mi = start(variant, threads)
+        start(variant, threads)
         for frame_id in frame_ids:
-            yield render_frame(mi, frame_of(study, frame_id), dataset)
+            yield render_frame(frame_of(study, frame_id), dataset, variant)
         return
     # Started here first: a worker that cannot start tells the pool nothing but that it died.
     start(variant, threads)

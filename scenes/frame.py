@@ -294,7 +294,7 @@ def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
     along = np.linspace(0, 1, max(count // 4, 2), endpoint=False)[:, None]
     sides = [corners[i] + along * (corners[(i + 1) % 4] - corners[i]) for i in range(4)]
     flat = np.concatenate(sides)
-    return centre + np.column_stack([flat, np.zeros(len(flat))])
+    return np.asarray(centre + np.column_stack([flat, np.zeros(len(flat))]), dtype=np.float64)
 
 
 def _check_in_view(frame: Frame, part: Part, fail: Any) -> None:

@@ -73,7 +73,7 @@ def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) ->
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     # The sheet as it stands at mid-exposure of the part's own centre.
     pose = pose_at(frame.motion, frame.camera_from_sheet, np.array(frame.part_time_s(part)))
-    points = flat + [part.x_m, part.y_m, 0.0]
+    points = flat + np.array([part.x_m, part.y_m, 0.0])
     seen = ~hidden(plates, pose, points)
     if not whole:
         seen &= _inside_image(frame.camera, project(frame.camera, transform_points(pose, points)))

@@ -10,8 +10,8 @@ from scipy.stats import t as student
 from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.fidelity_summary import summarise
 from roundel.render.backend import start
+from roundel.render.bands import sample_map
 from roundel.render.radiance import REPLICATES, render_radiance
-from roundel.render.samples import sample_map
 from roundel.render.transport import is_plain
 from roundel.scenes.camera import project
 from roundel.scenes.frame import frame_of, frames_of

@@ -48,131 +48,8 @@ def indoor_map(path: Path) -> None:
     OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": room.astype(np.float32)}).write(str(path))
 
 
-# Title, what was asked for (shown), and the keys laid over BASE. A tile of zoom 2 or 3 is rendered smaller and enlarged.
-TILES: dict[str, list[tuple[str, str, int]]] = {
-    "Lens": [
-        ("pinhole", "camera: {}", 1),
-        ("barrel distortion", "camera: {distortion: [-0.6, 0.3, 0, 0]}", 1),
-        ("rational, 8 coefficients", "camera: {distortion: [0.5, 0.1, 0.002, 0, 0, 0.2, 0, 0]}", 1),
-        (
-            "fisheye",
-            "camera: {focal_px: 150, distortion_model: fisheye, distortion: [-0.02, 0, 0, 0]}\npose: {distance_m: 0.2}",
-            1,
-        ),
-        ("defocus", "camera: {aperture_mm: 16, focus_m: 0.3}", 1),
-        (
-            "five blades, far out of focus",
-            "camera: {aperture_mm: 40, focus_m: 0.25, blades: 5}\nmarker: {inverted: true}",
-            1,
-        ),
-        ("diffraction", "camera: {focal_px: 160, aperture_mm: 0.12, focus_m: 0.5, diffraction: true}", 3),
-        (
-            "cos^4 and a barrel",
-            "camera: {focal_px: 200, aperture_mm: 10, focus_m: 0.5, natural_vignetting: true, barrel_mm: 12, barrel_length_mm: 10}",
-            1,
-        ),
-    ],
-    "Time": [
-        ("camera turns, 20 ms", "motion: {exposure_s: 0.02, camera: {rate_deg_s: [0, 60, 0]}}", 1),
-        (
-            "marker spins, 30 ms",
-            "motion: {exposure_s: 0.03, marker: {rate_deg_s: [0, 0, 700]}}\nmarker: {kind: dot_ring, diameter_m: 0.02, ring_diameter_m: 0.1, dots: 7}",
-            1,
-        ),
-        ("rolling shutter", "motion: {exposure_s: 0.001, readout_s: 0.04, camera: {velocity_m_s: [2, 0, 0]}}", 1),
-        (
-            "rolling shutter, rotation",
-            "motion: {exposure_s: 0.004, readout_s: 0.04, camera: {rate_deg_s: [0, 0, 400]}}",
-            1,
-        ),
-    ],
-    "Light": [
-        ("one area lamp", "light: {environment: 0.05}", 1),
-        (
-            "spot",
-            "light: {environment: 0.1, lamps: [{kind: spot, position_m: [0.2, -0.4, 0], intensity: 1, cutoff_deg: 9, beam_deg: 5}]}",
-            1,
-        ),
-        (
-            "hard shadow",
-            "light: {environment: 0.3, lamps: [{kind: point, position_m: [-0.3, -0.4, 0.1], intensity: 0.8}]}\noccluders: [{x_m: -0.06, y_m: 0.06, z_m: 0.1, width_m: 0.06, height_m: 0.03, turn_deg: 20}]",
-            1,
-        ),
-        (
-            "soft shadow",
-            "occluders: [{x_m: -0.08, y_m: 0.10, z_m: 0.12, width_m: 0.08, height_m: 0.04, turn_deg: 20}]",
-            1,
-        ),
-        (
-            "sun and sky",
-            "light: {sky: {sun_elevation_deg: 30, sun_azimuth_deg: 150}, lamps: []}\nsensor: {mosaic: rggb, curve: srgb}\noccluders: [{x_m: -0.06, y_m: 0.08, z_m: 0.1, width_m: 0.05, height_m: 0.02}]",
-            1,
-        ),
-        (
-            "environment map",
-            "light: {map: {file: room.exr}, lamps: []}\nmarker: {surface: {kind: plastic, roughness: 0.05}}\nsensor: {mosaic: rggb, curve: srgb}",
-            1,
-        ),
-        (
-            "coloured lamps",
-            "light: {environment: 0.2, environment_colour: [0.6, 0.8, 1.4], lamps: [{position_m: [-0.5, -0.7, -0.1], size_m: 0.25, radiance: 10, colour: [1.4, 1.0, 0.5]}]}\nsensor: {mosaic: rggb, curve: srgb, white_balance: none}",
-            1,
-        ),
-        (
-            "laminate under a lamp",
-            "marker: {surface: {kind: laminate, roughness: 0.12}}\npose: {tilt_deg: 25, azimuth_deg: -125}\nlight: {environment: 0.2, lamps: [{position_m: [-0.35, -0.5, 0.1], size_m: 0.08, radiance: 60}]}",
-            1,
-        ),
-    ],
-    "Matter": [
-        ("grain", "camera: {focal_px: 160}\nmarker: {grain: 0.08, grain_m: 0.002}\npose: {distance_m: 0.3}", 2),
-        ("soft print edges", "camera: {focal_px: 160}\nmarker: {edge_softness_m: 0.006}", 2),
-        ("inverted", "marker: {inverted: true}", 1),
-        ("clutter", "marker: {clutter: {cell_m: 0.03, contrast: 0.4}}\npose: {distance_m: 0.9}", 1),
-        ("occlusion", "occluders: [{x_m: 0.04, y_m: 0.0, z_m: 0.01, width_m: 0.03, height_m: 0.12, turn_deg: 10}]", 1),
-        (
-            "plastic",
-            "marker: {surface: {kind: plastic, roughness: 0.2}}\npose: {tilt_deg: 25, azimuth_deg: -125}\nlight: {environment: 0.2, lamps: [{position_m: [-0.35, -0.5, 0.1], size_m: 0.08, radiance: 60}]}",
-            1,
-        ),
-    ],
-    "Sensor": [
-        ("shot and read noise", "camera: {focal_px: 160}\nsensor: {full_well_e: 200, read_noise_e: 6}", 2),
-        ("fixed pattern (PRNU, DSNU)", "camera: {focal_px: 160}\nsensor: {prnu: 0.08, dsnu_e: 300}", 2),
-        ("saturation", "sensor: {white_level: 1.6}", 1),
-        (
-            "raw Bayer mosaic",
-            "camera: {focal_px: 160}\nsensor: {mosaic: rggb, deliver: raw}\nlight: {environment_colour: [1.4, 1.0, 0.6]}",
-            3,
-        ),
-        ("JPEG, quality 15", "camera: {focal_px: 160}\nsensor: {jpeg_quality: 15}", 2),
-        ("sRGB curve", "sensor: {curve: srgb}", 1),
-    ],
-    "Markers": [
-        ("ring", "marker: {kind: ring, inner_diameter_m: 0.05}", 1),
-        ("disc with tick", "marker: {kind: disc_with_tick}", 1),
-        ("concentric rings", "marker: {kind: rings, diameters_m: [0.1, 0.085, 0.06, 0.045, 0.02]}", 1),
-        ("two discs", "marker: {kind: two_discs, diameter_m: 0.06, second_diameter_m: 0.04, spacing_m: 0.08}", 1),
-        ("ring of dots", "marker: {kind: dot_ring, diameter_m: 0.02, ring_diameter_m: 0.1, dots: 9}", 1),
-        ("chessboard", "marker: {kind: chessboard, columns: 6, rows: 5, square_m: 0.025}", 1),
-        (
-            "disc with chessboard",
-            "marker: {kind: disc_with_chessboard, diameter_m: 0.07, gap_m: 0.02, chessboard: {columns: 4, rows: 3, square_m: 0.015}}",
-            1,
-        ),
-        ("ChArUco", "marker: {kind: charuco, columns: 6, rows: 5, square_m: 0.025, tag_m: 0.019}", 1),
-        ("ArUco", "marker: {kind: tags, columns: 3, rows: 2, tag_m: 0.04, gap_m: 0.01, family: aruco_6x6_250}", 1),
-        ("AprilTag", "marker: {kind: tags, tag_m: 0.1, family: apriltag_36h11, first_id: 7}", 1),
-    ],
-}
-
-
-def _study(keys: str, zoom: int) -> dict[str, Any]:
+def _study(own: dict[str, Any], zoom: int) -> dict[str, Any]:
     study = yaml.safe_load(BASE)
-    own = yaml.safe_load(keys)
-    kind = own.get("marker", {}).get("kind")
-    if kind in ("ring", "disc_with_tick"):
-        own["marker"]["diameter_m"] = 0.08
     size = {"width_px": TILE[0] // zoom, "height_px": TILE[1] // zoom}
     merged: dict[str, Any] = laid_over(laid_over(study, {"camera": size}), own)
     return merged
@@ -222,11 +99,11 @@ def main() -> None:
         folder = Path(name)
         indoor_map(folder / "room.exr")
         rows = []
-        for section, tiles in TILES.items():
+        for section, tiles in yaml.safe_load((HERE / "tiles.yaml").read_text(encoding="utf-8")).items():
             done = []
-            for i, (title, keys, zoom) in enumerate(tiles):
-                (image,) = render(_study(keys, zoom), folder, f"{section}_{i}")
-                done.append((title, tile(image)))
+            for i, asked in enumerate(tiles):
+                (image,) = render(_study(asked["keys"], asked.get("zoom", 1)), folder, f"{section}_{i}")
+                done.append((asked["title"], tile(image)))
             rows.append((section, done))
         sheet(rows, 4, TILE).save(HERE / "effects.jpg", quality=88, optimize=True)
         rows = []
