@@ -71,16 +71,25 @@ def main() -> None:
         seconds["no_exr"].append(clock(lambda i=i: labelled(i, False)))
         at = frame_of(study, i % total)
         seconds["radiance"].append(clock(lambda at=at: render_radiance(mi, at)))
+    general_rays = 0
     # The same frame through Mitsuba's own integrator, as any scene goes that has no closed form.
     if job["general"]:
         radiance_module.is_plain = lambda _: False
+        rays.rays = 0
         render_radiance(mi, frame)
+        general_rays = rays.rays
         for i in range(job["general"]):
             at = frame_of(study, i % total)
             seconds["general"].append(clock(lambda at=at: render_radiance(mi, at)))
         for seed in (1, 2):
             np.save(out / f"general_{seed}.npy", render_radiance(mi, replace(frame, ray_seed=seed)).mean)
-    answer = {"seconds": seconds, "rays": counted, "starting_s": starting, "first_frame_s": first}
+    answer = {
+        "seconds": seconds,
+        "rays": counted,
+        "rays_general": general_rays,
+        "starting_s": starting,
+        "first_frame_s": first,
+    }
     Path(job["result"]).write_text(json.dumps(answer))
 
 

@@ -49,7 +49,7 @@ def our_rows(frames: int, general: int, folder: Path) -> tuple[list[dict[str, An
     if general:
         other = measure(frame, *(np.load(out / f"general_{s}.npy").astype(float) for s in (1, 2)))
         name = "Roundel, radiance, light through Mitsuba's integrator"
-        rows.append(row(name, {}, other, told["seconds"]["general"], load))
+        rows.append(row(name, {"rays": told["rays_general"]}, other, told["seconds"]["general"], load))
     return rows, {"starting_s": told["starting_s"], "first_frame_s": told["first_frame_s"], "rays": rays}
 
 

@@ -59,6 +59,23 @@ def _rows(rows: list[dict[str, Any]]) -> list[str]:
     return out
 
 
+def _verdict(rows: list[dict[str, Any]]) -> list[str]:
+    """The ratio to Cycles' fastest row, in a sentence."""
+
+    def median(r: dict[str, Any], key: str) -> float:
+        return float(np.median(r[key]))
+
+    cycles = [r for r in rows if r["name"].startswith("Cycles")]
+    if not cycles:
+        return []
+    best = min(cycles, key=lambda r: median(r, "cpu_s"))
+    wall, cpu = (median(best, key) / median(rows[0], key) for key in ("wall_s", "cpu_s"))
+    return [
+        f"Cycles' fastest row takes {wall:.0f} times as long as Roundel's labelled frame, {cpu:.0f} times by CPU.",
+        "",
+    ]
+
+
 def report(results: dict[str, Any]) -> str:
     found = results["machine"]
     out = ["# Benchmarks: what was measured", ""]
@@ -76,6 +93,7 @@ def report(results: dict[str, Any]) -> str:
         "",
         *_rows(results["rows"]),
         "",
+        *_verdict(results["rows"]),
     ]
     if "no_cycles" in results:
         out += [results["no_cycles"], ""]

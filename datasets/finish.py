@@ -63,7 +63,7 @@ def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
     record: dict[str, Any] = {"frame_id": frame.frame_id, "group": frame.group, "mode": mode}
     if mode == "images":
         record["image"] = files.image_name(frame.frame_id, frame.settings.sensor.image_suffix)
-    if entry is not None:
+    if entry is not None and "sensor" in entry:
         record["sensor"] = entry["sensor"]
     record.update(camera_to_json(frame.camera))
     record["markers"] = [
