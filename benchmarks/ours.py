@@ -22,7 +22,7 @@ from roundel.datasets import journal
 from roundel.render import radiance as radiance_module
 from roundel.render.backend import start
 from roundel.render.radiance import render_radiance
-from roundel.render.run import render_frame
+from roundel.render.run import render_frame, render_frames
 from roundel.scenes.frame import Frame, frame_of, total_frames
 from roundel.scenes.study import load_study
 from roundel.scenes.truth import truth_of
@@ -50,28 +50,31 @@ def main() -> None:
     starting = time.perf_counter() - began
     rays = RayCounter()
 
-    def labelled(index: int, exr: bool) -> None:
-        """What `roundel render` does for one frame, its row of the truth included."""
-        frame = frame_of(study, index % total)
-        entry, _ = render_frame(frame if exr else without_exr(frame), out)
-        journal.append(out, entry)
-        truth_of(frame)
+    def labelled(count: int, exr: bool) -> list[tuple[float, float]]:
+        """What `roundel render` does, journal and truth included: seconds from one finished frame to the next."""
+        frames = (frame_of(study, i % total) for i in range(count + 2))
+        ticks, counts = [], []
+        for entry, _ in render_frames((f if exr else without_exr(f) for f in frames), out):
+            journal.append(out, entry)
+            truth_of(frame_of(study, entry["frame_id"]))
+            ticks.append((time.perf_counter(), time.process_time()))
+            counts.append(rays.rays)
+        counted.extend(np.diff(counts)[:count].tolist())
+        # The last frame has no next one traced beside it.
+        return [tuple(pair) for pair in np.diff(ticks, axis=0)[:count]]
 
-    first, _ = clock(lambda: labelled(0, True))
-    labelled(1, True)
+    first, _ = clock(lambda: render_frame(frame_of(study, 0), out))
+    render_frame(frame_of(study, 1), out)
     frame = frame_of(study, 0)
     for seed in (1, 2):
         np.save(out / f"seed_{seed}.npy", render_radiance(mi, replace(frame, ray_seed=seed)).mean)
-    seconds: dict[str, list[tuple[float, float]]] = {"labelled": [], "no_exr": [], "radiance": [], "general": []}
-    counted = []
+    counted: list[int] = []
+    seconds: dict[str, list[tuple[float, float]]] = {"radiance": [], "general": []}
+    seconds["labelled"] = labelled(job["frames"], exr=True)
+    seconds["no_exr"] = labelled(job["frames"], exr=False)
     for i in range(job["frames"]):
-        rays.rays = 0
-        seconds["labelled"].append(clock(lambda i=i: labelled(i, True)))
-        counted.append(rays.rays)
-        seconds["no_exr"].append(clock(lambda i=i: labelled(i, False)))
         at = frame_of(study, i % total)
         seconds["radiance"].append(clock(lambda at=at: render_radiance(mi, at)))
-    general_rays = 0
     # The same frame through Mitsuba's own integrator, as any scene goes that has no closed form.
     if job["general"]:
         radiance_module.is_plain = lambda _: False

@@ -1,8 +1,10 @@
-"""Where a frame's time goes: what the pipeline adds to the integrator and to the compression of EXR files.
+"""Where a frame's time goes, and what the pipeline adds to the integrator and to the compression of EXR files.
 
-    python stages.py [FRAMES] [--profile] [--json FILE]
+    python benchmarks/stages.py [FRAMES] [--study FILE] [--profile] [--json FILE]
 
-Functions are wrapped where they are called, see stopwatch.py; what no stage covers is shown as `rest`.
+Functions are wrapped where they are called, see stopwatch.py. `roundel render` finishes one frame while it traces the
+next, so that stages overlap. What the pipeline adds is therefore told by a second loop of the same shape that only
+traces and compresses.
 """
 
 from __future__ import annotations
@@ -11,17 +13,18 @@ import argparse
 import json
 import tempfile
 import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from reference import STUDY
 from stopwatch import Stopwatch
 
 # The two that are no overhead.
 INTEGRATOR, COMPRESSION = "integrator", "EXR compression"
 
-RUN, RADIANCE, HERE = "roundel.render.run", "roundel.render.radiance", __name__
+RUN, RADIANCE = "roundel.render.run", "roundel.render.radiance"
 STAGES = [
     (INTEGRATOR, RADIANCE, "_chunk"),
     ("scene", RADIANCE, "optics_of"),
@@ -35,11 +38,38 @@ STAGES = [
     ("PNG", RUN, "image_file"),
     ("checksums, writing", RUN, "write_frame"),
     ("journal entry", RUN, "entry_of"),
+    # Hardly any time of its own but the plane of noise.
+    ("noise plane", RUN, "_finished"),
 ]
+
+# Frames before the first that counts: kernels, then a full pipe.
+_WARM = 3
+
+
+def bare(frames: Iterator[Any]) -> Iterator[None]:
+    """The least that must be done: one frame's EXR is compressed while the next is traced."""
+    from roundel.datasets.radiance import encode_radiance
+    from roundel.render.backend import start
+    from roundel.render.radiance import render_radiance
+
+    mi = start()
+    with ThreadPoolExecutor(1) as pool:
+        before: Future[bytes] | None = None
+        for frame in frames:
+            r = render_radiance(mi, frame)
+            if before is not None:
+                before.result()
+                yield
+            # The fifth plane stands for the noise, which takes as many bytes.
+            planes = {"Y": r.mean, "Y.variance": r.variance, "Z": r.depth_m, "noise_dn": r.mean**0.5}
+            before = pool.submit(encode_radiance, planes | {f"coverage.{i}": c for i, c in r.coverage.items()})
+        if before is not None:
+            before.result()
+            yield
 
 
 def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[str, Any]:
-    """Median seconds of each stage over warm frames, and the fraction that is overhead."""
+    """Mean seconds of each stage over warm frames, and what the pipeline adds."""
     from roundel.datasets import journal
     from roundel.render import run as run_module
     from roundel.render.backend import start
@@ -48,64 +78,78 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
     from roundel.scenes.truth import truth_of
 
     study, watch = load_study(study_path), Stopwatch()
+    total = total_frames(study)
     start()
+
+    def ticks(steps: Iterator[Any]) -> list[tuple[float, float]]:
+        seen = []
+        for _ in steps:
+            seen.append((time.perf_counter(), time.process_time()))
+            if len(seen) == _WARM:
+                watch.reset()
+        return seen[_WARM - 1 : -1]  # nothing is traced beside the last one
+
+    at_least = ticks(bare(frame_of(study, i % total) for i in range(frames + _WARM + 1)))
     missing = [f"{module}.{name}" for label, module, name in STAGES if not watch.wrap(label, module, name)]
-    # What is spent while neither of the two is at work, in whatever thread, is overhead.
     placing = watch.timed("placing the frame", frame_of)
     truth, append = watch.timed("truth", truth_of), watch.timed("journal entry", journal.append)
-    rows: list[dict[str, float]] = []
-    spent: list[float] = []
-    profiler = None
-    if profile:
-        import cProfile
 
-        profiler = cProfile.Profile()
-    with tempfile.TemporaryDirectory() as folder:
-        for i in range(frames + 2):
-            watch.reset()
-            if profiler and i >= 2:
-                profiler.enable()
-            began = time.perf_counter()
-            frame = placing(study, i % total_frames(study))
-            entry, _ = run_module.render_frame(frame, Path(folder))
-            append(Path(folder), entry)
-            truth(frame)
-            total = time.perf_counter() - began
-            if profiler:
-                profiler.disable()
-            if i >= 2:  # the first two compile kernels
-                beside = {f"{label} (in another thread)": v for label, v in watch.beside.items()}
-                rest = total - sum(watch.seconds.values())
-                rows.append({**watch.seconds, **beside, "rest": rest, "total": total})
-                spent.append(total - watch.covered(INTEGRATOR, COMPRESSION))
-    if profiler:
-        import pstats
+    def whole(folder: Path) -> Iterator[None]:
+        placed = (placing(study, i % total) for i in range(frames + _WARM + 1))
+        for entry, _ in run_module.render_frames(placed, folder):
+            append(folder, entry)
+            truth(frame_of(study, entry["frame_id"]))
+            yield
 
-        pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
-    labels = list(dict.fromkeys(label for row in rows for label in row))
-    medians = {label: float(np.median([row.get(label, 0.0) for row in rows])) for label in labels}
+    with tempfile.TemporaryDirectory() as name:
+        if profile:
+            import cProfile
+            import pstats
+
+            profiler = cProfile.Profile()
+            seen = profiler.runcall(ticks, whole(Path(name)))
+            pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
+        else:
+            seen = ticks(whole(Path(name)))
+    (began, cpu_began), (ended, cpu_ended) = seen[0], seen[-1]
+    count = len(seen) - 1
+    wall, cpu = (ended - began) / count, (cpu_ended - cpu_began) / count
+    stages = {label: (watch.seconds[label] + watch.beside[label]) / count for label in watch.cpu}
+    others = sum(v for label, v in watch.cpu.items() if label not in (INTEGRATOR, COMPRESSION)) / count
+    bare_wall = (at_least[-1][0] - at_least[0][0]) / (len(at_least) - 1)
+    bare_cpu = (at_least[-1][1] - at_least[0][1]) / (len(at_least) - 1)
     return {
-        "frames": frames,
-        "seconds": medians,
-        "overhead_s": float(np.median(spent)),
-        "overhead": float(np.median([s / row["total"] for s, row in zip(spent, rows, strict=True)])),
-        "adds": float(np.median([s / (row["total"] - s) for s, row in zip(spent, rows, strict=True)])),
+        "frames": count,
+        "stages_s": stages,
+        "beside": sorted(watch.beside),
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "neither_s": wall - watch.covered(began, ended, INTEGRATOR, COMPRESSION) / count,
+        "others_cpu_s": others,
+        "bare_wall_s": bare_wall,
+        "bare_cpu_s": bare_cpu,
+        "adds": wall / bare_wall - 1,
+        "adds_cpu": cpu / bare_cpu - 1,
         "missing": missing,
     }
 
 
 def lines(result: dict[str, Any]) -> list[str]:
     """The table as Markdown."""
-    seconds = result["seconds"]
-    out = ["| stage | ms | share |", "|---|---:|---:|"]
-    order = sorted((k for k in seconds if k != "total"), key=lambda k: -seconds[k])
-    out += [f"| {k} | {1e3 * seconds[k]:.1f} | {seconds[k] / seconds['total']:.1%} |" for k in order]
-    out.append(f"| **a frame** | {1e3 * seconds['total']:.1f} | |")
-    out.append("")
-    out.append(
-        f"All but integrator and EXR compression: {1e3 * result['overhead_s']:.0f} ms, "
-        f"{result['overhead']:.1%} of the frame (median of {result['frames']} warm frames)."
-    )
+    stages, wall = result["stages_s"], result["wall_s"]
+    out = ["| stage | ms of a frame | |", "|---|---:|---|"]
+    for label in sorted(stages, key=lambda k: -stages[k]):
+        beside = "beside the next frame's rays" if label in result["beside"] else ""
+        out.append(f"| {label} | {1e3 * stages[label]:.1f} | {beside} |")
+    out += [
+        f"| **from one frame to the next** | {1e3 * wall:.1f} | {1e3 * result['cpu_s']:.0f} ms of processor |",
+        f"| tracing and EXR compression alone | {1e3 * result['bare_wall_s']:.1f} | "
+        f"{1e3 * result['bare_cpu_s']:.0f} ms of processor |",
+        "",
+        f"The pipeline adds {result['adds']:.1%} to the time of tracing and EXR compression ({result['adds_cpu']:.1%} "
+        f"of processor time; mean of {result['frames']} warm frames). During {result['neither_s'] / wall:.1%} of the time "
+        "neither of the two was running.",
+    ]
     if result["missing"]:
         out.append(f"Not found, and so within another stage: {', '.join(result['missing'])}.")
     return out

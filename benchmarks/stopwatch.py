@@ -10,41 +10,46 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 
 class Stopwatch:
     """Wall seconds of labelled functions.
 
-    `seconds` are exclusive: a function called within another is taken off the outer one. What other threads did in the
-    meantime is in `beside`. `spans` holds when each call of a label began and ended.
+    `seconds` are exclusive: a function called within another is taken off the outer one. What other threads did is in
+    `beside`. `cpu` is the processor time of the calling threads. `spans` says when each call began and ended.
     """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = defaultdict(float)
         self.beside: dict[str, float] = defaultdict(float)
+        self.cpu: dict[str, float] = defaultdict(float)
         self.spans: dict[str, list[tuple[float, float]]] = defaultdict(list)
         self._main = threading.get_ident()
         self._local = threading.local()
 
     def reset(self) -> None:
-        for kept in (self.seconds, self.beside, self.spans):
+        for kept in (self.seconds, self.beside, self.cpu, self.spans):
             kept.clear()
 
     def timed(self, label: str, function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> Any:
             if not hasattr(self._local, "inner"):
-                self._local.inner = [0.0]
+                self._local.inner = [np.zeros(2)]
             inner = self._local.inner
-            inner.append(0.0)
-            began = time.perf_counter()
+            inner.append(np.zeros(2))
+            began = np.array([time.perf_counter(), time.thread_time()])
             try:
                 return function(*args, **kwargs)
             finally:
-                ended = time.perf_counter()
+                took = np.array([time.perf_counter(), time.thread_time()]) - began
+                wall, cpu = took - inner.pop()
+                inner[-1] += took
                 kept = self.seconds if threading.get_ident() == self._main else self.beside
-                kept[label] += ended - began - inner.pop()
-                inner[-1] += ended - began
-                self.spans[label].append((began, ended))
+                kept[label] += wall
+                self.cpu[label] += cpu
+                self.spans[label].append((began[0], began[0] + took[0]))
 
         return wrapper
 
@@ -57,10 +62,11 @@ class Stopwatch:
         setattr(home, name, self.timed(label, function))
         return True
 
-    def covered(self, *labels: str) -> float:
-        """Seconds during which at least one of these was running, in whatever thread."""
-        total = reached = 0.0
+    def covered(self, begin: float, end: float, *labels: str) -> float:
+        """Seconds between two times during which at least one of these was running, in whatever thread."""
+        total, reached = 0.0, begin
         for began, ended in sorted(span for label in labels for span in self.spans[label]):
+            ended = min(ended, end)
             total += max(0.0, ended - max(began, reached))
             reached = max(reached, ended)
         return total

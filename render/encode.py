@@ -21,7 +21,7 @@ def png_bytes(image: NDArray[Any], bits: int) -> bytes:
     if bits < 8 * image.dtype.itemsize:
         chunks.add(b"sBIT", bytes([bits] * (1 if image.ndim == 2 else image.shape[2])))
     sink = io.BytesIO()
-    Image.fromarray(image).save(sink, format="PNG", compress_level=4, pnginfo=chunks)
+    Image.fromarray(image).save(sink, format="PNG", compress_level=1, pnginfo=chunks)
     return sink.getvalue()
 
 

@@ -27,6 +27,9 @@ REPLICATES = 8
 # Rays in flight at once: some 50 MB a million.
 _CHUNK = 4_000_000
 
+# Fewer pixels than this share are rendered twice rather than left out the first time.
+_FEW = 0.05
+
 # Streams of random numbers: the pilot's must not be the picture's.
 _PILOT, _PICTURE = 0, 1
 
@@ -66,9 +69,17 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
 
     plan = sample_map(frame)
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
-    planes = np.zeros((3 + len(parts), height * width), dtype=np.float32)
-    for count in np.unique(samples):
-        pixels = np.flatnonzero(samples == count)
+    fewest = frame.settings.render.samples
+    special = np.flatnonzero(samples != fewest)
+    # A few pixels too many cost less than picking all others out.
+    everywhere = len(special) < _FEW * len(samples)
+    pixels = np.arange(len(samples)) if everywhere else np.flatnonzero(samples == fewest)
+    planes = estimate(pixels, fewest, _PICTURE)
+    if not everywhere:
+        some, planes = planes, np.zeros((3 + len(parts), len(samples)), dtype=np.float32)
+        planes[:, pixels] = some
+    for count in np.unique(samples[special]):
+        pixels = special[samples[special] == count]
         planes[:, pixels] = estimate(pixels, int(count), _PICTURE)
     shaped = planes.reshape(len(planes), height, width)
     coverage = {part.marker_id: shaped[3 + i] for i, part in enumerate(parts)}
@@ -107,6 +118,8 @@ def _estimate(
     for i, start in enumerate(range(0, len(pixels), per_chunk)):
         chunk = pixels[start : start + per_chunk]
         out.append(_chunk(dr, mi, frame, optics, tracer, chunk, per_replicate, (seed + i) & 0xFFFFFFFF, parts))
+    if len(out) == 1:
+        return out[0]
     return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
 
 
@@ -123,7 +136,9 @@ def _chunk(
 ) -> Array32:
     samples = per_replicate * REPLICATES
     rays = len(pixels) * samples
-    sampler = mi.load_dict({"type": "multijitter", "sample_count": per_replicate})
+    # One sample has nothing to be stratified against.
+    kind = "multijitter" if per_replicate > 1 else "independent"
+    sampler = mi.load_dict({"type": kind, "sample_count": per_replicate})
     sampler.set_samples_per_wavefront(per_replicate)
     sampler.seed(dr.opaque(mi.UInt32, seed), rays)
 

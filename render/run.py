@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,24 +25,26 @@ from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
 from roundel.scenes.study import Study, load_study
 
+if TYPE_CHECKING:
+    from roundel.render.radiance import Radiance
+
 Progress = Callable[[int, int], None]
 
+# A frame's journal line, and what the clock saw.
+Done = tuple[journal.Entry, dict[str, float]]
 
-def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) -> tuple[journal.Entry, dict[str, float]]:
-    """Render, measure, develop and write one frame.
 
-    Returns
-    -------
-    entry : dict
-        The frame's journal line, see `frame_files.entry_of`.
-    seconds : dict
-        What the clock saw, for timings.jsonl.
-    """
+def _traced(frame: Frame, variant: str) -> tuple[Radiance, float]:
+    """A frame's radiance, and the seconds it took."""
     from roundel.render.radiance import render_radiance
 
+    began = time.perf_counter()
+    return render_radiance(start(variant_of(frame, variant)), frame), time.perf_counter() - began
+
+
+def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path) -> Done:
+    """Measure, develop and write a frame that is traced; needs no renderer."""
     clock = [time.perf_counter()]
-    radiance = render_radiance(start(variant_of(frame, variant)), frame)
-    clock.append(time.perf_counter())
     developed = develop(frame, radiance.mean)
     planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
     planes |= {coverage_channel(marker_id): plane for marker_id, plane in radiance.coverage.items()}
@@ -58,9 +60,35 @@ def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) ->
     clock.append(time.perf_counter())
     listed = write_frame(dataset, written)
     clock.append(time.perf_counter())
-    entry = entry_of(frame, developed, planes, fidelity, listed)
-    render, encode, write = np.diff(clock)
-    return entry, {"render_s": float(render), "encode_s": float(encode), "write_s": float(write)}
+    encode, write = np.diff(clock)
+    seconds = {"render_s": render_s, "encode_s": float(encode), "write_s": float(write)}
+    return entry_of(frame, developed, planes, fidelity, listed), seconds
+
+
+def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) -> Done:
+    """Render, measure, develop and write one frame.
+
+    Returns
+    -------
+    entry : dict
+        The frame's journal line, see `frame_files.entry_of`.
+    seconds : dict
+        What the clock saw, for timings.jsonl.
+    """
+    return _finished(frame, *_traced(frame, variant), dataset)
+
+
+def render_frames(frames: Iterable[Frame], dataset: Path, variant: str = DEFAULT_VARIANT) -> Iterator[Done]:
+    """Frames one after another: while one is traced, the one before is measured, compressed and written."""
+    with ThreadPoolExecutor(1, "finish") as pool:
+        before: Future[Done] | None = None
+        for frame in frames:
+            traced = _traced(frame, variant)
+            if before is not None:
+                yield before.result()
+            before = pool.submit(_finished, frame, *traced, dataset)
+        if before is not None:
+            yield before.result()
 
 
 # A worker process keeps its study and its renderer from one frame to the next.
@@ -75,20 +103,19 @@ def _start_worker(study_path: str, digest: str, dataset: str, variant: str, thre
     start(variant, threads)
 
 
-def _work(frame_id: int) -> tuple[journal.Entry, dict[str, float]]:
+def _work(frame_id: int) -> Done:
     return render_frame(frame_of(_worker["study"], frame_id), _worker["dataset"], _worker["variant"])
 
 
 def _rendered(
     study: Study, dataset: Path, frame_ids: list[int], jobs: int, variant: str, threads: int | None
-) -> Iterator[tuple[journal.Entry, dict[str, float]]]:
+) -> Iterator[Done]:
     """Results in whatever order they are ready."""
     if not frame_ids:
         return
     if jobs == 1:
         start(variant, threads)
-        for frame_id in frame_ids:
-            yield render_frame(frame_of(study, frame_id), dataset, variant)
+        yield from render_frames((frame_of(study, i) for i in frame_ids), dataset, variant)
         return
     # Started here first: a worker that cannot start tells the pool nothing but that it died.
     start(variant, threads)
