@@ -75,6 +75,7 @@ def main() -> None:
     for i in range(job["frames"]):
         at = frame_of(study, i % total)
         seconds["radiance"].append(clock(lambda at=at: render_radiance(mi, at)))
+    general_rays = 0
     # The same frame through Mitsuba's own integrator, as any scene goes that has no closed form.
     if job["general"]:
         radiance_module.is_plain = lambda _: False

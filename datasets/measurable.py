@@ -8,6 +8,7 @@ from roundel.datasets.prediction import is_sharp
 from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.frame import Frame
 from roundel.scenes.marker import Part
+from roundel.scenes.occluders import hidden, plates_of
 
 # Sharp circles take milliseconds and are all measured; of blurred ones so many frames a group, and circles a frame.
 SAMPLED_FRAMES = 16
@@ -18,6 +19,10 @@ _SMALLEST_PX = 3.0
 
 # A thin lens blurs everything out of focus; less than this, in radius, is as good as sharp.
 _FOCUSED_PX = 0.25
+
+
+# Circles, in radii, on which nothing may stand before the print.
+_AROUND = np.array([0.0, 0.5, 0.8, 1.0, 1.2, 1.5])
 
 
 def _part(frame: Frame, marker_id: int) -> Part:
@@ -52,12 +57,35 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
         return "its paper has grain"
     if any(lamp.kind == "spot" for lamp in settings.light.lamps):
         return "the rim of a spot is no smooth light"
+    if _behind_a_lamp(frame, part):
+        return "a lamp hides or shades it"
     if np.isfinite(camera.barrel_radius_m):
         return "the lens barrel vignettes it"
     ellipse = ellipse_of_conic(conic_of_circle(frame.camera_from_part(part), part.radius_m, camera.K))
     if ellipse[3] < _SMALLEST_PX:
         return f"smaller than {_SMALLEST_PX:g} px"
     return None
+
+
+def _behind_a_lamp(frame: Frame, part: Part) -> bool:
+    """Whether an area lamp stands between a circle and the camera, a point of light, or the sun."""
+    assert part.radius_m is not None
+    light, pose = frame.settings.light, frame.camera_from_sheet
+    plates = plates_of(frame.settings, pose)
+    if not plates:
+        return False
+    if light.sky is not None and light.sky.sun > 0:
+        return True
+    turn, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 24, endpoint=False), _AROUND * part.radius_m)
+    x, y = (part.x_m + radius * np.cos(turn)).ravel(), (part.y_m + radius * np.sin(turn)).ravel()
+    around = np.column_stack([x, y, np.zeros_like(x)])
+    eyes = [np.zeros(3), *(np.array(lamp.position_m) for lamp in light.lamps if lamp.kind == "point")]
+    for eye in eyes:
+        moved = pose.copy()
+        moved[:3, 3] -= eye
+        if hidden(plates, moved, around).any():
+            return True
+    return False
 
 
 def effects_of(frame: Frame) -> list[str]:

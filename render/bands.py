@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from roundel.scenes.airy import REACH, spread_px
-from roundel.scenes.camera import project
+from roundel.scenes.camera import Camera, project
 from roundel.scenes.frame import Frame
 from roundel.scenes.motion import pose_at
 from roundel.scenes.occluders import occluder_outlines_m, plates_of
@@ -80,6 +80,15 @@ def _exposed(frame: Frame, points_m: Array) -> tuple[Array, float]:
     return np.concatenate(seen), speed * (end - begin) / (count - 1)
 
 
+def _near_image(camera: Camera, points_m: Array) -> NDArray[np.bool_]:
+    """Which points of the camera frame are imaged in the image, or within its own size of it."""
+    size = np.array([camera.width_px, camera.height_px])
+    front = points_m[:, 2] > 1e-6
+    px = np.full((len(points_m), 2), np.inf)
+    px[front] = project(camera, points_m[front])
+    return np.asarray(np.all(np.abs(px - size / 2) < 1.5 * size, axis=1), dtype=bool)
+
+
 def _band(frame: Frame, lines: list[Array]) -> NDArray[np.bool_]:
     """Mask (H, W) of the pixels near some edges of the print: dilated by blur, motion and diffraction."""
     camera = frame.camera
@@ -88,9 +97,11 @@ def _band(frame: Frame, lines: list[Array]) -> NDArray[np.bool_]:
     depths, step = [float(pose[2, 3])], 0.0
     dense = _dense(lines, frame)
     depth = dense @ pose[2, :3] + pose[2, 3]
-    if np.any(depth > 1e-6):
-        depths += [float(depth.max()), float(depth[depth > 1e-6].min())]
-        px, step = _exposed(frame, dense[depth > 1e-6])
+    # A lamp beside the camera is blurred beyond measure and as fast, but imaged far away: it has no part in this.
+    near = _near_image(camera, dense @ pose[:3, :3].T + pose[:3, 3])
+    if near.any():
+        depths += [float(depth[near].max()), float(depth[near].min())]
+        px, step = _exposed(frame, dense[near])
         # Far outside the image a pixel's number may not fit an integer; it is not needed.
         px = px[np.isfinite(px).all(axis=1) & (np.abs(px) < 1e6).all(axis=1)]
         columns, rows = np.rint(px).astype(np.int64).T

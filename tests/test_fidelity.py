@@ -133,6 +133,7 @@ REASONS = {
     "its surface is glossy": (("diameter_m: 0.08", "diameter_m: 0.08, surface: {kind: plastic}"),),
     "ink and paper are alike": (("diameter_m: 0.08", "diameter_m: 0.08, ink: 0.4, paper: 0.4"),),
     "occluders hide or shade it": (("light:", "occluders: [{z_m: 0.1, width_m: 0.01, x_m: 0.2}]\nlight:"),),
+    "a lamp hides or shades it": (("position_m: [-0.3, -0.5, 0.0]", "position_m: [0.0, 0.0, 0.2]"),),
     "the lens barrel vignettes it": (
         (CAMERA, CAMERA + ", aperture_mm: 5, focus_m: 0.5, barrel_mm: 30, barrel_length_mm: 20"),
     ),

@@ -1,11 +1,15 @@
-"""Make the contact sheets of the gallery: `python docs/gallery/make.py`. Every picture is rendered by Roundel.
+"""Make the contact sheets of the gallery: `python docs/gallery/make.py [effects] [presets]`.
+
+Every picture is rendered by Roundel, as a user would render it.
 
 One tile an effect, with what was asked for beside its name; the presets with several frames each.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +59,6 @@ def _study(own: dict[str, Any], zoom: int) -> dict[str, Any]:
     return merged
 
 
-def render(study: dict[str, Any], folder: Path, name: str) -> list[NDArray[Any]]:
-    """The images of a study given as plain values."""
-    path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(study), encoding="utf-8")
-    dataset = render_study(path, folder / name)
-    assert dataset is not None
-    return [image for _, image in dataset.images]
-
-
 def tile(image: NDArray[Any], size: tuple[int, int] = TILE) -> Image.Image:
     """An image as a tile: enlarged without smoothing, or reduced with."""
     grey = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
@@ -93,28 +88,41 @@ def sheet(rows: list[tuple[str, list[tuple[str, Image.Image]]]], columns: int, t
     return page
 
 
-def main() -> None:
-    """Render and paste."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        indoor_map(folder / "room.exr")
-        rows = []
-        for section, tiles in yaml.safe_load((HERE / "tiles.yaml").read_text(encoding="utf-8")).items():
-            done = []
-            for i, asked in enumerate(tiles):
-                (image,) = render(_study(asked["keys"], asked.get("zoom", 1)), folder, f"{section}_{i}")
-                done.append((asked["title"], tile(image)))
-            rows.append((section, done))
-        sheet(rows, 4, TILE).save(HERE / "effects.jpg", quality=88, optimize=True)
-        rows = []
-        for preset in preset_names():
-            study = {"schema": 1, "name": preset, "seed": 5, "preset": preset, "frames": 4}
-            study |= {"marker": {"kind": "disc", "diameter_m": 0.08}, "render": {"radiance": False}}
-            images = render(study, folder, preset)
-            wide = [(f"frame {i}", tile(image, (400, 300))) for i, image in enumerate(images)]
-            rows.append((preset, wide))
-        sheet(rows, 4, (400, 300)).save(HERE / "presets.jpg", quality=88, optimize=True)
+def effects(folder: Path) -> None:
+    """One tile an effect."""
+    indoor_map(folder / "room.exr")
+    rows = []
+    for section, tiles in yaml.safe_load((HERE / "tiles.yaml").read_text(encoding="utf-8")).items():
+        done = []
+        for i, asked in enumerate(tiles):
+            (image,) = render(_study(asked["keys"], asked.get("zoom", 1)), folder, f"{section}_{i}")
+            done.append((asked["title"], tile(image)))
+        rows.append((section, done))
+    sheet(rows, 4, TILE).save(HERE / "effects.jpg", quality=88, optimize=True)
+
+
+def presets(folder: Path) -> None:
+    """Four frames of each preset."""
+    rows = []
+    for preset in preset_names():
+        study = {"schema": 1, "name": preset, "seed": 5, "preset": preset, "frames": 4}
+        study |= {"marker": {"kind": "disc", "diameter_m": 0.08}, "render": {"radiance": False}}
+        images = render(study, folder, preset)
+        rows.append((preset, [(f"frame {i}", tile(image, (400, 300))) for i, image in enumerate(images)]))
+    sheet(rows, 4, (400, 300)).save(HERE / "presets.jpg", quality=88, optimize=True)
+
+
+def render(study: dict[str, Any], folder: Path, name: str) -> list[NDArray[Any]]:
+    """The images of a study given as plain values."""
+    path, began = folder / f"{name}.yaml", time.perf_counter()
+    path.write_text(yaml.safe_dump(study), encoding="utf-8")
+    dataset = render_study(path, folder / name)
+    assert dataset is not None
+    sys.stderr.write(f"{name}: {time.perf_counter() - began:.1f} s\n")
+    return [image for _, image in dataset.images]
 
 
 if __name__ == "__main__":
-    main()
+    with tempfile.TemporaryDirectory() as name:
+        for sheet_name in sys.argv[1:] or ["effects", "presets"]:
+            {"effects": effects, "presets": presets}[sheet_name](Path(name))
