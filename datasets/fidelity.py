@@ -42,6 +42,9 @@ _FEWEST = 40
 # What the prediction itself may be off by, of the contrast: its nodes are chosen for it, tests hold it.
 _PREDICTION_ERROR = 1e-3
 
+# Eight replicates of few rays may agree by chance, and their variance be nothing: it counts as this part of its like.
+_LEAST_VARIANCE = 0.25
+
 # A contrast, in units of radiance, that no light makes.
 _DARK = 1e-9
 
@@ -176,6 +179,19 @@ def _solve(design: Array, observed: Array, weight: Array) -> Array:
     return np.asarray(solution / size, dtype=np.float64)
 
 
+def _standard_error(design: Array, weight: Array, left: Array) -> Array:
+    """Standard errors (k,) of a weighted fit from what it left, (n,), whatever the true variances are.
+
+    White's estimator (H. White 1980): weights that are wrong, as in flat light where most pixels have no noise at all,
+    cost precision but do not flatter it.
+    """
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    scaled = design / size
+    inverse = np.linalg.pinv((scaled * weight[:, None]).T @ scaled)
+    pulls = scaled * (weight * left)[:, None]
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse @ (pulls.T @ pulls) @ inverse), 0.0)) / size)
+
+
 def _smooth_variance(band: _Band, light: Array, coverage: Array) -> Array:
     """Variance of pixels as light and edge explain it; a pixel's own estimate, from 8 replicates, is too wild."""
     power = light**2 / max(float(np.mean(light**2)), 1e-300)
@@ -214,16 +230,14 @@ def compare(
     design = np.column_stack([seen, *slopes])
     solution = _solve(design, band.observed, weight)
     left = band.observed - design @ solution
-    freedom = len(left) - design.shape[1]
-    normal = (design * weight[:, None]).T @ design
-    covariance = np.linalg.pinv(normal) * float(weight @ left**2) / freedom
-    noise = np.maximum(band.variance, 0.1 * model) + floor
+    error = _standard_error(design, weight, left)
+    noise = np.maximum(band.variance, _LEAST_VARIANCE * model) + floor
     return {
         "effect": effect_of(frame),
         "shift_x_px": float(solution[-3]),
         "shift_y_px": float(solution[-2]),
         "scale_px": float(solution[-1]),
-        "shift_se_px": float(np.sqrt(max(covariance[-3, -3], covariance[-2, -2]))),
+        "shift_se_px": float(error[-3:-1].max()),
         "residual": float(np.sqrt(np.mean(left**2))) / height,
         "monte_carlo": float(np.sqrt(np.mean(band.variance))) / height,
         "pixels": len(left),

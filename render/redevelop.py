@@ -13,7 +13,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.finish import finish_dataset
 from roundel.datasets.images import open_images
 from roundel.datasets.manifest import read_manifest
-from roundel.datasets.radiance import Planes, encode_radiance, read_radiance
+from roundel.datasets.radiance import Planes, encode_radiance, read_radiance, rounded
 from roundel.datasets.resume import prepare, record, reopen
 from roundel.render.develop import develop
 from roundel.render.frame_files import entry_of, image_file, write_frame
@@ -64,7 +64,7 @@ def _develop_frame(
     written = image_file(frame, developed)
     name = files.radiance_name(frame.frame_id)
     # Only the noise that goes with the radiance is the sensor's; where it is the same the file serves both datasets.
-    kept = np.array_equal(planes.get("noise_dn", np.empty(0)), noise)
+    kept = np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
     if not kept:
         written[name] = encode_radiance(planes | {"noise_dn": noise})
     clock.append(time.perf_counter())

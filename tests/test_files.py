@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from roundel.datasets import files, journal
@@ -45,3 +46,22 @@ def test_journal_lines_are_the_same_for_the_same_entry(tmp_path: Path) -> None:
     journal.append(tmp_path, entry)
     journal.rewrite(tmp_path, journal.read(tmp_path))
     assert list(journal.read(tmp_path)) == [1, 2]
+
+
+def test_planes_are_rounded_to_what_they_are_worth(tmp_path: Path) -> None:
+    from roundel.datasets.radiance import encode_radiance, read_radiance, rounded
+
+    random = np.random.default_rng(3)
+    plane = np.exp(random.uniform(-20, 5, (40, 50))).astype(np.float32)
+    plane[0, :3] = [0.0, 1.0, np.nextafter(np.float32(2), np.float32(0))]
+    for channel, digits in (("Y", 24), ("Y.variance", 8), ("noise_dn", 12), ("Z", 17)):
+        stored = rounded(channel, plane)
+        # To the nearest of 2^digits values between two powers of two.
+        assert np.abs(stored / np.where(plane == 0, 1, plane) - (plane != 0)).max() <= 2.0**-digits
+        assert stored[0, 0] == 0
+        assert stored[0, 1] == 1
+        np.testing.assert_array_equal(rounded(channel, stored), stored)
+    path = tmp_path / "x.exr"
+    path.write_bytes(encode_radiance({"Y": plane, "noise_dn": plane}))
+    np.testing.assert_array_equal(read_radiance(path)["noise_dn"], rounded("noise_dn", plane))
+    np.testing.assert_array_equal(read_radiance(path)["Y"], plane)
