@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from roundel.render.radiance import Radiance
 
 Progress = Callable[[int, int], None]
+
+# Compressing a frame takes about as long as tracing it, on one core: two at a time keep up.
+_FINISHERS = 2
 
 # A frame's journal line, and what the clock saw.
 Done = tuple[journal.Entry, dict[str, float]]
@@ -79,16 +83,16 @@ def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) ->
 
 
 def render_frames(frames: Iterable[Frame], dataset: Path, variant: str = DEFAULT_VARIANT) -> Iterator[Done]:
-    """Frames one after another: while one is traced, the one before is measured, compressed and written."""
-    with ThreadPoolExecutor(1, "finish") as pool:
-        before: Future[Done] | None = None
+    """Frames one after another: while one is traced, those before are measured, compressed and written."""
+    with ThreadPoolExecutor(_FINISHERS, "finish") as pool:
+        before: deque[Future[Done]] = deque()
         for frame in frames:
             traced = _traced(frame, variant)
-            if before is not None:
-                yield before.result()
-            before = pool.submit(_finished, frame, *traced, dataset)
-        if before is not None:
-            yield before.result()
+            if len(before) == _FINISHERS:
+                yield before.popleft().result()
+            before.append(pool.submit(_finished, frame, *traced, dataset))
+        while before:
+            yield before.popleft().result()
 
 
 # A worker process keeps its study and its renderer from one frame to the next.
