@@ -14,7 +14,7 @@ from roundel.datasets.fidelity import compare, measure_circle
 from roundel.datasets.fidelity_summary import fidelity_lines, summarise
 from roundel.datasets.measurable import SAMPLED_FRAMES, effect_of, is_sampled
 from roundel.datasets.pixel_test import REPLICATES, normal_scores, pixel_test
-from roundel.datasets.prediction import Prediction, predict
+from roundel.datasets.prediction import Prediction, predict, predict_coverage
 from roundel.scenes.frame import Frame, frame_of, frames_of
 from roundel.scenes.truth import truth_of
 
@@ -264,3 +264,19 @@ def test_a_marker_that_outruns_the_shutter_is_a_reason(tmp_path: Path) -> None:
     frame = frame_of(small_study(tmp_path, fast, FLAT, ("{uniform: [7, 9]}", "8"), ("{uniform: [10, 50]}", "0")), 0)
     bright = np.ones((120, 160), dtype=np.float32)
     assert "while one row is read" in measure_circle(frame, 0, bright, bright)["reason"]
+
+
+def test_the_same_rays_under_several_sensors_are_one_measurement(tmp_path: Path) -> None:
+    study = small_study(tmp_path, ("light:", "sensor: {read_noise_e: 5}\nlight:"))
+    pair = []
+    for i in (0, 1):
+        frame = frame_of(study, i)
+        row0, column0, coverage = predict_coverage(frame, frame.sheet.parts[0])
+        image = np.full((120, 160), 0.8, dtype=np.float32)
+        window = slice(row0, row0 + coverage.shape[0]), slice(column0, column0 + coverage.shape[1])
+        image[window] -= (0.75 * coverage).astype(np.float32)
+        noise = np.random.default_rng(i).normal(0, 1e-3, image.shape).astype(np.float32)
+        pair.append(measure_circle(frame, 0, image + noise, np.full_like(image, 1e-6)))
+    once, often = summarise(pair), summarise(3 * pair)
+    assert once["circles"] == often["circles"] == 2
+    assert once["shift_x_px"] == often["shift_x_px"]
