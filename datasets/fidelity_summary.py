@@ -25,8 +25,8 @@ def summarise(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
     -------
     dict
         `circles`, how many were measured (the same rays under several sensors count once). For each of `shift_x_px`,
-        `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and the `worst` absolute value; `shift_bound_px`, what the mean shifts stay
-        within at 95 %; `residual`, `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the
+        `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and the `worst` absolute
+        value; `shift_bound_px`, what the mean shifts stay within at 95 %; `residual`, `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the
         test of their pixels, and `z_consistent`, whether no more failed than such a test lets fail by chance.
         `by_effect`: the same for each effect. `unmeasured`: how many circles were left out, by reason.
     """
