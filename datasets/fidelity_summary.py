@@ -24,11 +24,12 @@ def summarise(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
     Returns
     -------
     dict
-        `circles`, how many were measured (the same rays under several sensors count once). For each of `shift_x_px`,
-        `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and the `worst` absolute
-        value; `shift_bound_px`, what the mean shifts stay within at 95 %; `residual`, `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the
-        test of their pixels, and `z_consistent`, whether no more failed than such a test lets fail by chance.
-        `by_effect`: the same for each effect. `unmeasured`: how many circles were left out, by reason.
+        `circles`, how many were measured (the same rays under several sensors count once). For each of
+        `shift_x_px`, `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and
+        the `worst` absolute value; `shift_bound_px`, what the mean shifts stay within at 95 %; `residual`,
+        `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the test of their pixels,
+        and `z_consistent`, whether no more failed than such a test lets fail by chance. `by_effect`: the same
+        for each effect. `unmeasured`: how many circles were left out, by reason.
     """
     # Levels of a sweep that differ in the sensor alone were traced with the same rays: one measurement, not several.
     found = list({tuple(sorted(m.items())): m for m in measured if "reason" not in m}.values())
