@@ -236,8 +236,8 @@ def test_a_summary_has_figures_by_effect_and_reasons() -> None:
 
 def test_more_failures_than_chance_allows_are_told() -> None:
     # One of twenty is chance; three are not.
-    assert summarise([circle("sharp", 0.0, i > 0) for i in range(20)])["z_consistent"]
-    found = summarise([circle("sharp", 0.0, i > 2) for i in range(20)])
+    assert summarise([circle("sharp", 1e-4 * i, i > 0) for i in range(20)])["z_consistent"]
+    found = summarise([circle("sharp", 1e-4 * i, i > 2) for i in range(20)])
     assert not found["z_consistent"]
     assert "passed by 17 of 20: more than chance allows fail" in fidelity_lines(found)[0]
 
