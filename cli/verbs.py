@@ -102,7 +102,7 @@ def _warn_of_flags(dataset: Any) -> None:
 
     if isinstance(dataset, Path):
         entries = journal.read(dataset)
-        line = warning_of(((i, entry["flags"]) for i, entry in entries.items()), len(entries))
+        line = warning_of(((i, entry.get("flags", ())) for i, entry in entries.items()), len(entries))
     else:
         line = warning_of(flags_of_rows(dataset.truth.select(["frame_id", "flags"]).to_pylist()), len(dataset))
     if line:

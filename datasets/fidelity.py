@@ -23,6 +23,7 @@ from roundel.datasets.measurable import effect_of, is_sampled, obstacle
 from roundel.datasets.pixel_test import pixel_test
 from roundel.datasets.prediction import Prediction, is_sharp, nodes_for, predict
 from roundel.scenes.frame import Frame
+from roundel.scenes.sensor_section import filters_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,9 +48,6 @@ _LEAST_VARIANCE = 0.25
 
 # A contrast, in units of radiance, that no light makes.
 _DARK = 1e-9
-
-# Places of the Bayer colours in a two by two cell.
-_COLOURS = {"r": 0, "g": 1, "b": 2}
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def _colour_of(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]
     mosaic = frame.settings.sensor.mosaic
     if mosaic == "none":
         return np.zeros(len(rows), dtype=np.int64)
-    cell = np.array([_COLOURS[c] for c in mosaic])
+    cell = np.array(filters_of(mosaic))
     return np.asarray(cell[2 * (rows % 2) + columns % 2], dtype=np.int64)
 
 

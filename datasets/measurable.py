@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from roundel.datasets.prediction import is_sharp
+from roundel.scenes.camera import distorts
 from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.frame import Frame
 from roundel.scenes.marker import Part
 from roundel.scenes.occluders import hidden, plates_of
+from roundel.scenes.truth import defocus_radius_px
 
 # Sharp circles take milliseconds and are all measured; of blurred ones so many frames a group, and circles a frame.
 SAMPLED_FRAMES = 16
@@ -19,7 +21,6 @@ _SMALLEST_PX = 3.0
 
 # A thin lens blurs everything out of focus; less than this, in radius, is as good as sharp.
 _FOCUSED_PX = 0.25
-
 
 # Circles, in radii, on which nothing may stand before the print.
 _AROUND = np.array([0.0, 0.5, 0.8, 1.0, 1.2, 1.5])
@@ -91,14 +92,13 @@ def _behind_a_lamp(frame: Frame, part: Part) -> bool:
 def effects_of(frame: Frame) -> list[str]:
     """What acts on the edges of a frame but light, noise and the pixel."""
     camera, motion = frame.camera, frame.motion
-    depth_m = frame.camera_from_sheet[2, 3]
-    blur_px = camera.K[0, 0] * camera.aperture_radius_m * abs(1 / depth_m - 1 / camera.focus_distance_m)
+    blur_px = defocus_radius_px(camera, float(frame.camera_from_sheet[2, 3]))
     found = {
         "defocus": blur_px > _FOCUSED_PX,
         "diffraction": bool(camera.wavelengths_m),
         "motion": motion.moves and motion.exposure_s > 0 and motion.row_s == 0,
         "rolling_shutter": motion.moves and motion.row_s > 0,
-        "distortion": any(camera.distortion),
+        "distortion": distorts(camera),
         "soft_edges": frame.sheet.edge_softness_m > 0,
     }
     return [name for name, active in found.items() if active]

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from roundel.datasets.radiance import REPLICATES
 
-# Replicates a pixel, as `roundel.render.radiance` makes them; this room may not ask that one.
-REPLICATES = 8
+Array = NDArray[np.float64]
 
 LEVEL = 0.01
 

@@ -213,39 +213,3 @@ def predict(frame: Frame, part: Part, window: Window | None = None, nodes: Nodes
         circle.step,
         border,
     )
-
-
-def predict_coverage(
-    frame: Frame, part: Part, window: Window | None = None, nodes: int | None = None
-) -> tuple[int, int, Array]:
-    """Fraction of each pixel's collected light that comes from inside the circle of a part.
-
-    Parameters
-    ----------
-    frame : Frame
-    part : Part
-        With a radius.
-    window : (row0, col0, height, width), optional
-        By default all that the circle's edge can reach; it may lie outside the image.
-    nodes : int, optional
-        Points of lens, time, wavelength and diffraction to average over, a power of two.
-
-    Returns
-    -------
-    row0, col0 : int
-        The window's first pixel.
-    coverage : (h, w) array
-
-    Raises
-    ------
-    ValueError
-        If the edge is behind the camera, or outruns the rolling shutter.
-    """
-    some = nodes_for(frame, nodes)
-    circle, _ = circle_of(frame, part)
-    view = _view(frame, circle, some)
-    window = view.window() if window is None else window
-    sums = Areas(*window, side=frame.camera.pixel_side)
-    count = _vertices(circle, view.extent, len(some) == 1)
-    add_outline(frame, circle, some, count, np.full((1, len(some)), 1 / len(some)), sums)
-    return window[0], window[1], sums.inside()[0]

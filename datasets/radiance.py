@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from roundel.scenes.errors import DataError
 
+# Independent estimates of a pixel whose scatter is its recorded variance.
+REPLICATES = 8
+
 Planes = dict[str, NDArray[np.float32]]
 
 # Binary digits kept of planes that do not need float32's 24: a variance from 8 replicates is known to a half, a noise

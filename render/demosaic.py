@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.sensor_section import filters_of
+
 Array = NDArray[np.float64]
 
 # Bilinear interpolation between the pixels of one colour (a quarter of all: red, blue; a half: green). On the grid of
@@ -17,7 +19,7 @@ _RED_BLUE = np.array([[1.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 1.0]]) / 4.0
 
 def filter_of(mosaic: str, rows: NDArray[np.integer[Any]], columns: NDArray[np.integer[Any]]) -> NDArray[np.intp]:
     """Filter of pixels: 0 red, 1 green, 2 blue. A mosaic such as `rggb` names two rows of two, from the top left."""
-    tile = np.array(["rgb".index(c) for c in mosaic], dtype=np.intp).reshape(2, 2)
+    tile = np.array(filters_of(mosaic), dtype=np.intp).reshape(2, 2)
     return np.asarray(tile[rows % 2, columns % 2], dtype=np.intp)
 
 

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.datasets.radiance import REPLICATES
 from roundel.render.bands import sample_map
-from roundel.render.rays import Optics, colour_index, colours_of, optics_of, shoot
+from roundel.render.rays import Optics, colour_index, optics_of, shoot
 from roundel.render.samples import counts_of
 from roundel.render.scene import build_scene, trace_built
 from roundel.render.transport import is_plain, plain_scene, trace
 from roundel.scenes.frame import Frame
 from roundel.scenes.marker import Part
-
-REPLICATES = 8
+from roundel.scenes.sensor_section import filters_of
 
 # Rays in flight at once: some 50 MB a million.
 _CHUNK = 4_000_000
@@ -38,6 +38,17 @@ Array32 = NDArray[np.float32]
 # From a sampler and rays: radiance, depth, whether the plane of the sheet is met, and where on it (x, y), in metres.
 Traced = tuple[Any, Any, Any, Any, Any]
 Tracer = Callable[[Any, Any], Traced]
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """A frame ready to be traced."""
+
+    dr: Any
+    mi: Any
+    frame: Frame
+    optics: Optics
+    tracer: Tracer
 
 
 @dataclass(frozen=True)
@@ -58,14 +69,14 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     """Render a frame: each pixel with as many rays as its target error asks for."""
     import drjit as dr
 
-    optics, tracer = optics_of(dr, mi, frame), _tracer(dr, mi, frame)
+    shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), _tracer(dr, mi, frame))
     height, width = frame.camera.height_px, frame.camera.width_px
     parts = frame.sheet.parts
 
     def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Part, ...] = parts) -> Array32:
         # Each count of samples has a stream of random numbers of its own.
         seed = (frame.ray_seed ^ (0x9E3779B9 * (2 * samples + purpose))) & 0xFFFFFFFF
-        return _estimate(dr, mi, frame, optics, tracer, pixels, samples, seed, what)
+        return _estimate(shot, pixels, samples, seed, what)
 
     plan = sample_map(frame)
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
@@ -100,40 +111,21 @@ def _multijitter_count(samples: int) -> int:
     return side * math.ceil(samples / side)
 
 
-def _estimate(
-    dr: Any,
-    mi: Any,
-    frame: Frame,
-    optics: Optics,
-    tracer: Tracer,
-    pixels: NDArray[np.int64],
-    samples: int,
-    seed: int,
-    parts: tuple[Part, ...],
-) -> Array32:
+def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, parts: tuple[Part, ...]) -> Array32:
     """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
     per_replicate = _multijitter_count(samples // REPLICATES)
     per_chunk = max(1, _CHUNK // (per_replicate * REPLICATES))
     out = []
     for i, start in enumerate(range(0, len(pixels), per_chunk)):
         chunk = pixels[start : start + per_chunk]
-        out.append(_chunk(dr, mi, frame, optics, tracer, chunk, per_replicate, (seed + i) & 0xFFFFFFFF, parts))
+        out.append(_chunk(shot, chunk, per_replicate, (seed + i) & 0xFFFFFFFF, parts))
     if len(out) == 1:
         return out[0]
     return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
 
 
-def _chunk(
-    dr: Any,
-    mi: Any,
-    frame: Frame,
-    optics: Optics,
-    tracer: Tracer,
-    pixels: NDArray[np.int64],
-    per_replicate: int,
-    seed: int,
-    parts: tuple[Part, ...],
-) -> Array32:
+def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int, parts: tuple[Part, ...]) -> Array32:
+    dr, mi, frame = shot.dr, shot.mi, shot.frame
     samples = per_replicate * REPLICATES
     rays = len(pixels) * samples
     # One sample has nothing to be stratified against.
@@ -147,8 +139,8 @@ def _chunk(
     width = dr.opaque(mi.UInt32, frame.camera.width_px)
     row = index // width
     column = index - row * width
-    ray, weight = shoot(dr, mi, optics, column, row, sampler)
-    radiance, depth, on_plane, x_m, y_m = tracer(sampler, ray)
+    ray, weight = shoot(dr, mi, shot.optics, column, row, sampler)
+    radiance, depth, on_plane, x_m, y_m = shot.tracer(sampler, ray)
     quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, dr.select(on_plane, depth, 0.0)]
     quantities += [mi.Float(_covers(dr, mi, part, x_m, y_m) & on_plane) for part in parts]
     # Evaluated together: left to itself each sum would trace all the rays again.
@@ -166,7 +158,7 @@ def _through_filter(dr: Any, mi: Any, frame: Frame, radiance: Any, column: Any, 
         return radiance[0]
     if mosaic == "none":
         return mi.luminance(radiance)
-    colour = colour_index(mi, dr, mi.UInt32(colours_of(mosaic)), column, row)
+    colour = colour_index(mi, dr, mi.UInt32(filters_of(mosaic)), column, row)
     return dr.select(colour == 0, radiance[0], dr.select(colour == 1, radiance[1], radiance[2]))
 
 

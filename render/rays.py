@@ -16,9 +16,8 @@ import numpy as np
 from roundel.render.undistort import directions, lens_numbers, undistorted
 from roundel.scenes.airy import effective_radius_m, radius_table
 from roundel.scenes.frame import Frame
-
-# Colour of the four pixels of a Bayer cell, row by row: 0 red, 1 green, 2 blue.
-_COLOURS = {"r": 0, "g": 1, "b": 2}
+from roundel.scenes.motion import adjoint
+from roundel.scenes.sensor_section import filters_of
 
 # Entries of the inverse of the encircled energy: between two of them lies 0.02 % of the light.
 _AIRY_ENTRIES = 4096
@@ -57,18 +56,6 @@ class Optics:
     sheet_twist: Any
 
 
-def colours_of(mosaic: str) -> list[int]:
-    """Colour (0 red, 1 green, 2 blue) of the four pixels of a Bayer cell, row by row."""
-    return [_COLOURS[letter] for letter in mosaic]
-
-
-def _adjoint(transform: Any, twist: Any) -> Any:
-    """A twist (velocity, rate) in the frame that `transform` leads to (Murray, Li and Sastry, eq. 2.57)."""
-    rotation, shift = transform[:3, :3], transform[:3, 3]
-    rate = rotation @ twist[3:]
-    return np.concatenate([rotation @ twist[:3] + np.cross(shift, rate), rate])
-
-
 def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
     """The numbers of a frame's rays."""
     camera, motion = frame.camera, frame.motion
@@ -105,7 +92,7 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
         airy_x2=mi.Float(radius_table(_AIRY_ENTRIES + 1).astype(np.float32)) if diffracts else None,
         airy_scale=number(scale) if diffracts else None,
         wavelengths=mi.Float(np.array(camera.wavelengths_m, dtype=np.float32)) if diffracts else None,
-        mosaic=mi.UInt32(np.array(colours_of(frame.settings.sensor.mosaic), dtype=np.uint32)) if in_colours else None,
+        mosaic=mi.UInt32(filters_of(frame.settings.sensor.mosaic)) if in_colours else None,
         vignetting=camera.natural_vignetting,
         barrel=number(camera.barrel_radius_m) if lens and barrel else None,
         barrel_length=number(camera.barrel_length_m) if lens and barrel else None,
@@ -113,7 +100,7 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
         row_s=number(motion.row_s) if motion.moves else None,
         centre_row=number(motion.centre_row_px) if motion.moves else None,
         camera_twist=numbers(motion.camera_twist) if np.any(motion.camera_twist) else None,
-        sheet_twist=numbers(_adjoint(frame.camera_from_sheet, -motion.marker_twist))
+        sheet_twist=numbers(adjoint(frame.camera_from_sheet, -motion.marker_twist))
         if np.any(motion.marker_twist)
         else None,
     )

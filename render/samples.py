@@ -27,8 +27,8 @@ _LATTICE_SAMPLES = 8
 _BORDER_FACTOR, _SMOOTH_FACTOR = 4.0, 2.0
 _MOST_SMOOTH = 128
 
-# Counts are rounded up to these.
-_TIERS = np.array(sorted({8 * m * 2**k for k in range(14) for m in (1, 1.5) if 8 * m * 2**k % 8 == 0}), dtype=np.int64)
+# Counts are rounded up to these: 8, 16, 24, 32, 48, 64, 96 and so on, all of 8 replicates.
+_TIERS = 8 * np.unique([1] + [m * 2**k for k in range(13) for m in (2, 3)])
 
 Estimate = Callable[[NDArray[np.int64], int], NDArray[np.float32]]
 
@@ -97,7 +97,7 @@ def _elsewhere(frame: Frame, estimate: Estimate, target2: float) -> NDArray[np.i
     rows, columns = np.arange(0, height, _LATTICE), np.arange(0, width, _LATTICE)
     pixels = (rows[:, None] * width + columns).ravel()
     _, variances = estimate(pixels, _LATTICE_SAMPLES).reshape(2, len(rows), len(columns)).astype(np.float64)
-    # One sample a replicate: smoothed over 5 x 5 of the lattice, then spread, so that no edge falls between two pilots.
+    # One sample a replicate: smoothed over 3 x 3 of the lattice, then spread, so that no edge falls between two pilots.
     variance = maximum_filter(uniform_filter(variances, 3), 3)
     wanted = _LATTICE_SAMPLES * variance / (target2 * _SMOOTH_FACTOR**2)
     counts = np.minimum(_tier(wanted), max(_MOST_SMOOTH, frame.settings.render.samples))

@@ -21,6 +21,9 @@ from roundel.scenes.lens_opencv import undistort as opencv_undistort
 
 Array = NDArray[np.float64]
 
+# A thin lens brings rays to the plane in focus along the axis: toward 90 degrees that plane is at infinity.
+THIN_LENS_DEG = 85.0
+
 # How many coefficients each lens model takes (OpenCV, module calib3d; module calib3d, "Fisheye camera model").
 COEFFICIENTS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
@@ -234,6 +237,12 @@ def project(camera: Camera, points_m: ArrayLike) -> Array:
     p = np.asarray(points_m, dtype=np.float64)
     z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
     return distort_px(camera, denormalise(camera, p[..., :2] / z[..., None]))
+
+
+def sees_through_thin_lens(camera: Camera) -> bool:
+    """Whether all that the camera sees lies within `THIN_LENS_DEG` of its axis."""
+    corners = [(u, v) for u in (-0.5, camera.width_px - 0.5) for v in (-0.5, camera.height_px - 0.5)]
+    return bool(np.all(ray_direction(camera, np.array(corners))[:, 2] > np.cos(np.radians(THIN_LENS_DEG))))
 
 
 def folds_inside_image(camera: Camera) -> bool:

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from roundel.scenes.camera import (
+    THIN_LENS_DEG,
     Camera,
     focal_at_focus_px,
     folds_inside_image,
     principal_point_at_centre,
     ray_direction,
+    sees_through_thin_lens,
 )
 from roundel.scenes.camera_section import CameraSection, MotionSection
 from roundel.scenes.conic import circle_points_m
@@ -29,7 +30,7 @@ from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_poin
 from roundel.scenes.prints import sheet_of
 from roundel.scenes.sampling import draw, frame_count, frames_per_level, stream
 from roundel.scenes.schema import GroupSection
-from roundel.scenes.study import Study
+from roundel.scenes.study import Study, validated
 
 # Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
 DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
@@ -174,11 +175,11 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSec
         except (KeyError, IndexError, TypeError) as error:
             raise study.error(f"sweep.key: no key {group.sweep.key!r} in this group", name, "sweep", "key") from error
     try:
-        return GroupSection.model_validate(raw)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        keys = [str(p) for p in first["loc"]]
-        raise study.error(f"{'.'.join(keys)}: {first['msg']} (frame {index} of group {name})", name, *keys) from error
+        drawn: GroupSection = validated(GroupSection, raw, study.path, study.marks, name)
+    except StudyError as error:
+        message = f"{error.reason} (frame {index} of group {name})"
+        raise StudyError(message, error.path, error.line, error.column) from error
+    return drawn
 
 
 def frame_of(study: Study, frame_id: int) -> Frame:
@@ -222,6 +223,12 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
             "camera.distortion: folds inside the image and has no inverse; use smaller coefficients",
             "camera",
             "distortion",
+        )
+    if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
+        raise fail(
+            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
+            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
+            "camera",
         )
     try:
         sheet = sheet_of(settings.marker, int(stream(study.seed, name, 4, index).generate_state(1)[0]))

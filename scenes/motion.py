@@ -53,9 +53,14 @@ class Motion:
         return np.asarray((np.asarray(row_px, dtype=np.float64) - self.centre_row_px) * self.row_s, dtype=np.float64)
 
 
-def still(centre_row_px: float = 0.0) -> Motion:
-    """Nothing moves."""
-    return Motion(0.0, 0.0, centre_row_px, np.zeros(6), np.zeros(6))
+def adjoint(transform: ArrayLike, twist: ArrayLike) -> Array:
+    """A twist (6,) in the frame that `transform` (4, 4) leads to (Murray, Li and Sastry, eq. 2.57).
+
+    exp(adjoint(T, xi)) = T exp(xi) T^-1.
+    """
+    pose, xi = np.asarray(transform, dtype=np.float64), np.asarray(twist, dtype=np.float64)
+    rate = pose[:3, :3] @ xi[3:]
+    return np.concatenate([pose[:3, :3] @ xi[:3] + np.cross(pose[:3, 3], rate), rate])
 
 
 def exp_twist(twist: ArrayLike, time_s: ArrayLike) -> Array:

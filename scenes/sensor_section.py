@@ -10,6 +10,11 @@ from roundel.scenes.section import Section
 from roundel.scenes.values import Fraction, NonNegative, Positive, Quality, Share
 
 
+def filters_of(mosaic: str) -> tuple[int, ...]:
+    """Filter (0 red, 1 green, 2 blue) of the four pixels of a Bayer cell, row by row, from its name such as `rggb`."""
+    return tuple("rgb".index(letter) for letter in mosaic)
+
+
 class SensorSection(Section):
     """Photons to electrons to digital numbers (DN)."""
 

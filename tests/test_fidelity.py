@@ -13,8 +13,9 @@ from helpers_studies import small_study
 from roundel.datasets.fidelity import compare, measure_circle
 from roundel.datasets.fidelity_summary import fidelity_lines, summarise
 from roundel.datasets.measurable import SAMPLED_FRAMES, effect_of, is_sampled
-from roundel.datasets.pixel_test import REPLICATES, normal_scores, pixel_test
-from roundel.datasets.prediction import Prediction, predict, predict_coverage
+from roundel.datasets.pixel_test import normal_scores, pixel_test
+from roundel.datasets.prediction import Prediction, predict
+from roundel.datasets.radiance import REPLICATES
 from roundel.scenes.frame import Frame, frame_of, frames_of
 from roundel.scenes.truth import truth_of
 
@@ -271,10 +272,10 @@ def test_the_same_rays_under_several_sensors_are_one_measurement(tmp_path: Path)
     pair = []
     for i in (0, 1):
         frame = frame_of(study, i)
-        row0, column0, coverage = predict_coverage(frame, frame.sheet.parts[0])
+        seen = predict(frame, frame.sheet.parts[0])
         image = np.full((120, 160), 0.8, dtype=np.float32)
-        window = slice(row0, row0 + coverage.shape[0]), slice(column0, column0 + coverage.shape[1])
-        image[window] -= (0.75 * coverage).astype(np.float32)
+        rows, columns = (k + np.arange(n) for k, n in zip((seen.row0, seen.col0), seen.coverage.shape, strict=True))
+        image[np.ix_(rows, columns)] -= (0.75 * seen.coverage).astype(np.float32)
         noise = np.random.default_rng(i).normal(0, 1e-3, image.shape).astype(np.float32)
         pair.append(measure_circle(frame, 0, image + noise, np.full_like(image, 1e-6)))
     once, often = summarise(pair), summarise(3 * pair)

@@ -8,7 +8,6 @@ from helpers_studies import small_study
 
 from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.fidelity_summary import fidelity_lines, summarise
-from roundel.render.backend import start
 from roundel.render.radiance import render_radiance
 from roundel.scenes.frame import frames_of
 
@@ -35,11 +34,6 @@ NEAR = (
     ("{kind: disc, diameter_m: 0.08}", "{kind: ring, diameter_m: 0.08, inner_diameter_m: 0.06, margin_m: 0.005}"),
 )
 CASES = {**EFFECTS, "blades": (BLADED,), "colours": COLOURED, "ring_near_the_wall": NEAR}
-
-
-@pytest.fixture(scope="module")
-def mi():
-    return start()
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers_markers import MARKERS, sheet
 
-from roundel.render.backend import start
 from roundel.scenes.ink_pattern import reflectance_at
 from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
 
@@ -15,11 +14,6 @@ EVERYTHING: dict[str, Any] = {
     "grain": 0.05,
     "clutter": {"cell_m": 0.03, "contrast": 0.4},
 }
-
-
-@pytest.fixture(scope="module")
-def mi():
-    return start()
 
 
 def painted(mi: Any, made: Any, pose: np.ndarray) -> Any:

@@ -1,12 +1,16 @@
 """The fisheye: against OpenCV's, its Jacobian, its exact inverse to 90 degrees and beyond, and where it ends."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 from helpers_lenses import FISHEYE, K_WIDE, image_grid, lens
+from helpers_studies import small_study
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from roundel.datasets.measurable import effects_of
 from roundel.scenes.camera import (
     Camera,
     denormalise,
@@ -17,6 +21,8 @@ from roundel.scenes.camera import (
     ray_direction,
     undistort_px,
 )
+from roundel.scenes.errors import StudyError
+from roundel.scenes.frame import frame_of
 from roundel.scenes.lens_fisheye import angle_of, distort, image_radius, widest_angle
 
 coefficients = st.tuples(
@@ -128,3 +134,20 @@ def test_a_branch_beyond_the_fold_is_never_the_answer() -> None:
     assert np.isnan(angle_of(c, np.array([largest + 0.01]))).all()
     assert np.isnan(distort(c, np.array([[np.tan(widest + 0.01), 0.0]]))[0]).all()
     np.testing.assert_allclose(angle_of(c, image_radius(c, np.array([0.9 * widest]))[0]), 0.9 * widest, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("focal_px", "fits"), [(120, True), (40, False)])
+def test_an_aperture_on_a_fisheye_that_sees_to_the_side_is_refused(tmp_path: Path, focal_px, fits) -> None:
+    lens = f"focal_px: {focal_px}, distortion_model: fisheye, distortion: [0, 0, 0, 0], aperture_mm: 2, focus_m: 0.5"
+    study = small_study(tmp_path, ("focal_px: 320", lens))
+    if fits:
+        frame_of(study, 0)
+        return
+    with pytest.raises(StudyError, match="a thin lens focuses no ray at 90 degrees from its axis") as caught:
+        frame_of(study, 0)
+    assert caught.value.line == 4
+
+
+def test_a_fisheye_without_coefficients_still_counts_as_distortion(tmp_path: Path) -> None:
+    lens = ("focal_px: 320", "focal_px: 320, distortion_model: fisheye, distortion: [0, 0, 0, 0]")
+    assert effects_of(frame_of(small_study(tmp_path, lens), 0)) == ["distortion"]

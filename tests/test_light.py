@@ -25,17 +25,6 @@ POINTS = np.array([[0.0, 0.0], [0.01, -0.02], [0.06, 0.0], [-0.05, 0.055]])
 REFLECTANCE = np.array([INK, INK, PAPER, PAPER])
 
 
-@pytest.fixture
-def mi():
-    return start()
-
-
-@pytest.fixture
-def rgb():
-    yield start("llvm_ad_rgb")
-    start()
-
-
 def lit(folder: Path, light: str, *edits: tuple[str, str]):
     return frame_of(small_study(folder, (LIGHT, f"light: {light}"), *edits), 0)
 

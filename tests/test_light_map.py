@@ -19,17 +19,6 @@ LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_
 POINTS = np.array([[0.0, 0.0], [0.06, 0.0]])
 
 
-@pytest.fixture
-def mi():
-    return start()
-
-
-@pytest.fixture
-def rgb():
-    yield start("llvm_ad_rgb")
-    start()
-
-
 def mapped(folder: Path, keys: str = ""):
     return small_study(folder, (LIGHT, f"light:\n  map:\n    {{file: map.exr{keys}}}"))
 

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from roundel.scenes.camera import project
 from roundel.scenes.errors import StudyError
 from roundel.scenes.frame import frame_of
-from roundel.scenes.motion import exp_twist, image_of, pose_at
+from roundel.scenes.motion import adjoint, exp_twist, image_of, pose_at
 from roundel.scenes.pose import transform_points
 from roundel.scenes.truth import truth_of
 
@@ -42,6 +42,14 @@ def test_a_constant_twist_is_a_one_parameter_group(twist, a, b) -> None:
 def test_small_angles_keep_their_digits(exponent, twist) -> None:
     small = twist * np.array([1, 1, 1, *3 * [10**exponent]])
     np.testing.assert_allclose(exp_twist(small, 1.0), expm(generator(small)), atol=1e-13)
+
+
+@given(twists, twists)
+def test_the_adjoint_carries_a_twist_to_another_frame(where, twist) -> None:
+    transform = exp_twist(where, 1.0)
+    there = exp_twist(adjoint(transform, twist), 1.0)
+    # Shifts of some 100 m in a product of three: 1e-14 of each.
+    np.testing.assert_allclose(there, transform @ exp_twist(twist, 1.0) @ np.linalg.inv(transform), atol=1e-10)
 
 
 ROLLING = (

@@ -14,7 +14,7 @@ from scipy.special import j1
 
 from roundel.datasets.areas import Areas
 from roundel.datasets.nodes import AIRY_LIMIT, area_radius_m
-from roundel.datasets.prediction import nodes_for, predict, predict_coverage
+from roundel.datasets.prediction import nodes_for, predict
 from roundel.scenes.camera import normalise, undistort_px
 from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.frame import Frame, frame_of
@@ -23,6 +23,12 @@ from roundel.scenes.motion import pose_at
 
 FACING = (("{uniform: [10, 50]}", "0"), ("{uniform: [-20, 20]}", "0"))
 WINDOW = (0, 0, 120, 160)
+
+
+def predict_coverage(frame, part, window=None, nodes=None):
+    """The window's first pixel, and the coverage in it."""
+    seen = predict(frame, part, window, nodes_for(frame, nodes))
+    return seen.row0, seen.col0, seen.coverage
 
 
 def ellipse_of(frame: Frame) -> np.ndarray:

@@ -7,23 +7,18 @@ import numpy as np
 import pytest
 from helpers_studies import small_study
 
-from roundel.render.backend import start
-from roundel.render.rays import colours_of, optics_of, shoot
+from roundel.render.rays import optics_of, shoot
 from roundel.scenes.airy import encircled_energy
 from roundel.scenes.camera import denormalise, distort_px, normalise
 from roundel.scenes.frame import frame_of
 from roundel.scenes.motion import pose_at
+from roundel.scenes.sensor_section import filters_of
 
 MOVING = (
     "pose:",
     "motion: {exposure_s: 0.01, readout_s: 0.02, camera: {velocity_m_s: [0.3, 0.2, -0.4], rate_deg_s: [40, 10, 50]},\n"
     "         marker: {velocity_m_s: [0.1, 0, 0.2], rate_deg_s: [0, 60, 0]}}\npose:",
 )
-
-
-@pytest.fixture(scope="module")
-def mi():
-    return start()
 
 
 class Fixed:
@@ -121,7 +116,7 @@ def test_a_mosaic_diffracts_each_colour_by_its_own_wavelength(mi, tmp_path: Path
     offset = d[:, 0] / d[:, 2] - normalise(frame.camera, np.stack([columns, rows], -1).astype(float))[:, 0]
     # Green, red, blue, green: the offset is proportional to the wavelength.
     np.testing.assert_allclose(offset / offset[0], [1, 600 / 500, 400 / 500, 1], rtol=1e-3)
-    assert colours_of("grbg") == [1, 0, 2, 1]
+    assert filters_of("grbg") == (1, 0, 2, 1)
 
 
 def test_an_aperture_of_blades_is_filled_evenly(mi, tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from scipy.stats import t as student
 
 from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.fidelity_summary import summarise
-from roundel.render.backend import start
+from roundel.datasets.radiance import REPLICATES
 from roundel.render.bands import sample_map
-from roundel.render.radiance import REPLICATES, render_radiance
+from roundel.render.radiance import render_radiance
 from roundel.render.transport import is_plain
 from roundel.scenes.camera import project
 from roundel.scenes.frame import frame_of, frames_of
@@ -24,11 +24,6 @@ FLAT = (
     "light: {environment: 1.5}",
 )
 DISTORTED = ("focal_px: 320", "focal_px: 320, distortion: [-0.3, 0.1, 0.004, -0.003, 0.02]")
-
-
-@pytest.fixture(scope="module")
-def mi():
-    return start()
 
 
 @pytest.mark.parametrize("edits", [(), (FLAT,), (DISTORTED,)], ids=["lamp", "constant", "distorted"])
