@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from roundel.datasets.files import write_file
 from roundel.scenes.camera import Camera
-from roundel.scenes.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -44,6 +43,12 @@ SCHEMA = pa.schema(
         pa.field("distortion_model", pa.string()),
         pa.field("edge_points", pa.int64()),
         pa.field("edge_sigma_px", pa.float64()),
+        pa.field("blur_px", pa.float64()),
+        pa.field("contrast_dn", pa.float64()),
+        pa.field("confidence", pa.float64()),
+        pa.field("focal_sigma", pa.float64()),
+        pa.field("intrinsics_basis", pa.string()),
+        pa.field("choice_basis", pa.string()),
         *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
         pa.field("status", pa.string(), nullable=False),
         pa.field("reason", pa.string(), nullable=False),
@@ -74,6 +79,15 @@ class Estimate:
     edge_points : int or None
     edge_sigma_px : float or None
         RMS of the fit's residual along the normal.
+    blur_px, contrast_dn : float or None
+        Gaussian sigma of the edge's blur without the pixel's own aperture, and the step outside minus inside; of an
+        estimate made from an image.
+    confidence : float or None
+        That this is the image of a circle at all, 0 to 1; see `solver.detect`.
+    focal_sigma : float or None
+        Standard deviation of the assumed focal length, as a fraction of it; it is in `cov`.
+    intrinsics_basis, choice_basis : str
+        What the camera rests on, and what the probabilities rest on, in words.
     cov : (2, 6, 6) array or None
         Covariance of (centre x, y, z in m, normal x, y, z) of each candidate; rank 5.
     """
@@ -93,6 +107,12 @@ class Estimate:
     edge_points: int | None = None
     edge_sigma_px: float | None = None
     cov: Array | None = None
+    blur_px: float | None = None
+    contrast_dn: float | None = None
+    confidence: float | None = None
+    focal_sigma: float | None = None
+    intrinsics_basis: str = ""
+    choice_basis: str = ""
 
     def __bool__(self) -> bool:
         return self.status == "ok"
@@ -112,6 +132,12 @@ class Estimate:
             "probability": None if self.probability is None else self.probability[candidate],
             "edge_points": self.edge_points,
             "edge_sigma_px": self.edge_sigma_px,
+            "blur_px": self.blur_px,
+            "contrast_dn": self.contrast_dn,
+            "confidence": self.confidence,
+            "focal_sigma": self.focal_sigma,
+            "intrinsics_basis": self.intrinsics_basis,
+            "choice_basis": self.choice_basis,
             "status": self.status,
             "reason": self.reason,
         }
@@ -143,42 +169,3 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
     buffer = io.BytesIO()
     pq.write_table(table, buffer)
     write_file(path, buffer.getvalue())
-
-
-def with_lens_model(table: pa.Table) -> pa.Table:
-    """Estimates whose column `distortion_model` is there and full: what says nothing means OpenCV's model."""
-    name = "distortion_model"
-    if name in table.column_names:
-        at, model = table.column_names.index(name), table[name].cast(pa.string())
-        return table.set_column(at, name, pa.array([value or "opencv" for value in model.to_pylist()], pa.string()))
-    return table.append_column(name, pa.array(["opencv"] * table.num_rows, pa.string()))
-
-
-def read_estimates(path: str | Path) -> pa.Table:
-    """Read estimates, with the columns and types of `SCHEMA`.
-
-    Parameters
-    ----------
-    path : path
-        The file, or the folder that holds it.
-
-    Raises
-    ------
-    DataError
-        If there is no such file, it is corrupt, or a column is missing or of another type.
-    """
-    path = Path(path)
-    file = path / ESTIMATES if path.is_dir() else path
-    if not file.is_file():
-        raise DataError(f"{file}: no estimates there; `roundel solve` writes them")
-    try:
-        table = pq.read_table(file)
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
-    missing = [name for name in SCHEMA.names if name not in (*table.column_names, "distortion_model")]
-    if missing:
-        raise DataError(f"{file}: has no column {', '.join(missing)}; solve the dataset again")
-    try:
-        return with_lens_model(table).select(SCHEMA.names).cast(SCHEMA)
-    except (pa.ArrowException, ValueError) as error:
-        raise DataError(f"{file}: a column has the wrong type or empty values: {str(error).splitlines()[0]}") from error

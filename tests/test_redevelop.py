@@ -250,8 +250,8 @@ def test_a_colour_jpeg_goes_all_the_way(tmp_path: Path) -> None:
     assert images.records[0]["image"] == "images/000000.jpg"
     assert images.image(0).shape == (120, 160, 3)
     assert min(images.records[0]["sensor"]["white_balance"]) == 1.0
-    from roundel.solver.estimates import read_estimates
     from roundel.solver.solve import solve_dataset
+    from roundel.validate.estimates_file import read_estimates
 
     solve_dataset(tmp_path / "ds", tmp_path / "est", methods=("ml",), intrinsics=("true",))
     found = read_estimates(tmp_path / "est" / "estimates.parquet").to_pylist()

@@ -9,25 +9,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera import Camera, lens_problem
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.solver.estimates import ESTIMATES, SCHEMA, with_lens_model
+from roundel.scenes.errors import DataError, NotComparableError
+from roundel.validate.estimates_file import CENTRE, ELLIPSE, INTRINSICS, KEY, NORMAL, read_estimates
 
 Array = NDArray[np.float64]
-
-KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
-NORMAL = ("normal_x", "normal_y", "normal_z")
-CENTRE = ("centre_x_m", "centre_y_m", "centre_z_m")
-ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
-INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
-
-# What the validator reads. Other people's solvers may leave out the rest: edge residuals, covariance.
-_READ = (*KEY, "chosen", *NORMAL, *CENTRE, *ELLIPSE, *INTRINSICS, "distortion", "distortion_model", "status", "reason")
-_SCHEMA = pa.schema([(name, SCHEMA.field(name).type) for name in _READ])
 
 
 @dataclass(frozen=True)
@@ -50,47 +39,6 @@ class Run:
     camera: NDArray[np.int64]
     cameras: list[Camera]
     reason: list[str]
-
-
-def find_estimates(path: str | Path) -> Path:
-    """The Parquet file that an argument means: itself, or the one in the folder it names.
-
-    Raises
-    ------
-    UsageError
-        If there is none.
-    """
-    path = Path(path)
-    for file in (path, path / ESTIMATES, path / "estimates" / ESTIMATES):
-        if file.is_file():
-            return file
-    raise UsageError(
-        f"{path}: no estimates there; give an {ESTIMATES}, or a folder that holds one (`roundel solve` writes it)"
-    )
-
-
-def read_estimates(path: str | Path) -> pa.Table:
-    """Estimates of one file, with the columns that the validator reads.
-
-    Raises
-    ------
-    UsageError
-        If there is no such file.
-    DataError
-        If it is no Parquet file, or a column is missing or of another type.
-    """
-    file = find_estimates(path)
-    try:
-        table = pq.read_table(file)
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(f"{file}: not a Parquet file, or cut short: {str(error).splitlines()[0]}") from error
-    missing = [name for name in _READ if name not in (*table.column_names, "distortion_model")]
-    if missing:
-        raise DataError(f"{file}: has no column {', '.join(missing)}; docs/dataset-format.md lists them all")
-    try:
-        return with_lens_model(table).select(list(_READ)).cast(_SCHEMA)
-    except (pa.ArrowException, ValueError) as error:
-        raise DataError(f"{file}: a column has the wrong type: {str(error).splitlines()[0]}") from error
 
 
 def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:

@@ -20,9 +20,10 @@ from roundel.datasets.files import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
 from roundel.validate.camera_errors import calibration_summary
+from roundel.validate.estimates_file import find_estimates
 from roundel.validate.figures import pictures
 from roundel.validate.overlays import worst
-from roundel.validate.records import find_estimates, read_runs
+from roundel.validate.records import read_runs
 from roundel.validate.reference import reference_of
 from roundel.validate.report import render_report
 from roundel.validate.scores import Scores, score, sorted_scores
