@@ -1,0 +1,84 @@
+"""Paired comparisons: silent where nothing changed, loud where something did, and honest about their power."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from roundel.validate.paired import mcnemar_test, rms_ratio_test, shift_test
+
+
+def errors(generator, n=600, k=2):
+    return generator.normal(size=(n, k))
+
+
+def test_identical_is_no_loss():
+    e = errors(np.random.default_rng(1))
+    for test in (rms_ratio_test(e, e, alpha=0.01), shift_test(e[:, 0], e[:, 0], alpha=0.01)):
+        assert (test.effect, test.p_value) == (0.0, 1.0)
+    assert mcnemar_test(np.ones(9, bool), np.ones(9, bool), alpha=0.01).p_value == 1.0
+
+
+def test_rms_p_values_are_uniform_without_a_change():
+    generator = np.random.default_rng(2)
+    p = [rms_ratio_test(errors(generator), errors(generator), alpha=0.01, seed=i).p_value for i in range(200)]
+    # Kolmogorov-Smirnov at 0.1 %: one false alarm in a thousand seeds, and this seed is fixed.
+    assert stats.kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_a_loss_at_the_stated_power_is_found():
+    generator = np.random.default_rng(4)
+    alpha = 0.01
+    power = rms_ratio_test(errors(generator), errors(generator), alpha=alpha).detectable
+    found = 0
+    for seed in range(100):
+        worse = errors(generator) * np.exp(power)
+        found += rms_ratio_test(worse, errors(generator), alpha=alpha, seed=seed).p_value < alpha
+    # Promised are 95 of 100; three standard deviations of a binomial are 6.5.
+    assert found >= 88
+
+
+def test_pairing_pays():
+    generator = np.random.default_rng(5)
+    e = errors(generator, 300)
+    noise = 0.3 * errors(generator, 300)
+    paired = rms_ratio_test(e + noise, e, alpha=0.01)
+    fresh = rms_ratio_test(e + noise, errors(generator, 300), alpha=0.01)
+    assert paired.standard_error < 0.5 * fresh.standard_error
+
+
+def test_a_shift_hides_in_the_rms_and_not_in_the_mean():
+    generator = np.random.default_rng(6)
+    old, new = errors(generator, 1000, 1)[:, 0], errors(generator, 1000, 1)[:, 0] + 0.25
+    assert shift_test(new, old, alpha=0.01).p_value < 1e-4
+    assert shift_test(new, old, alpha=0.01).effect == pytest.approx(0.25, abs=3 * np.sqrt(2 / 1000))
+    assert rms_ratio_test(new, old, alpha=0.01).p_value > 1e-4
+
+
+def test_mcnemar_by_hand():
+    old, new = np.ones(100, bool), np.ones(100, bool)
+    new[:8] = False
+    old[8] = False
+    # Eight lost, one won: P(8 or more of 9 heads) = 10 / 512.
+    test = mcnemar_test(new, old, alpha=0.01)
+    assert test.p_value == pytest.approx(10 / 512)
+    assert test.effect == pytest.approx(0.07)
+
+
+def test_mcnemars_power_is_that_of_losses_alone():
+    generator = np.random.default_rng(7)
+    n = 1000
+    rate = mcnemar_test(np.ones(n, bool), np.ones(n, bool), alpha=0.01).detectable
+    found = sum(
+        mcnemar_test(generator.random(n) >= rate, np.ones(n, bool), alpha=0.01).p_value < 0.01 for _ in range(200)
+    )
+    # 95 % of 200, less three standard deviations of a binomial.
+    assert found >= 190 - 9
+
+
+@pytest.mark.parametrize(
+    ("new", "old", "message"),
+    [([1.0], [1.0], "at least two"), ([1.0, 2.0], [1.0], "one shape"), ([1.0, np.nan], [1.0, 1.0], "not finite")],
+)
+def test_what_cannot_be_compared(new, old, message):
+    with pytest.raises(ValueError, match=message):
+        rms_ratio_test(new, old, alpha=0.01)

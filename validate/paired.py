@@ -1,0 +1,159 @@
+"""Two methods on the same frames: is the new one worse, by how much, and what could these frames have shown?
+
+Frames are paired: each has its own difficulty, which cancels. Errors come divided by their frame's own Cramer-Rao
+bound, so that no frame outweighs the others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+_RESAMPLES = 2000
+_POWER = 0.95
+
+
+@dataclass(frozen=True)
+class PairedTest:
+    """Outcome of one comparison, new against old.
+
+    Attributes
+    ----------
+    effect : float
+        Positive is worse: log of the ratio of RMS errors, a shift, or a difference of rates.
+    standard_error : float
+    p_value : float
+        One-sided, of no loss at all.
+    n : int
+        Pairs that it rests on.
+    detectable : float
+        The effect that these pairs would show at `alpha` in 95 of 100 cases: the power of the set.
+    """
+
+    effect: float
+    standard_error: float
+    p_value: float
+    n: int
+    detectable: float
+
+
+def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 0) -> PairedTest:
+    """Whether the RMS of paired errors has grown: log ratio, with a bootstrap over frames for its spread.
+
+    The ratio of RMS is used and not the mean of log ratios: a log ratio is ruled by the frames in which an error
+    happened to be small, and says little of the large ones.
+
+    Parameters
+    ----------
+    new, old : (n,) or (n, k) array_like
+        Errors of the same frames over their bounds; k components of one frame are resampled together.
+    alpha : float
+        For `detectable`.
+    seed : int
+
+    Returns
+    -------
+    PairedTest
+        `effect` is ln(RMS new / RMS old).
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or fewer than two frames are given.
+    """
+    a, b = _paired(new, old)
+    power_new, power_old = (np.sum(v.reshape(len(v), -1) ** 2, axis=1) for v in (a, b))
+    if np.array_equal(power_new, power_old):
+        return PairedTest(0.0, 0.0, 1.0, len(a), 0.0)
+    total_new, total_old = float(np.sum(power_new)), float(np.sum(power_old))
+    if total_old == 0.0 or total_new == 0.0:
+        effect = math.inf if total_new > 0 else -math.inf
+        return PairedTest(effect, 0.0, float(total_new == 0.0), len(a), 0.0)
+    effect = 0.5 * math.log(total_new / total_old)
+    # The log of the ratio is near enough to normal for its spread to be all that is asked of the bootstrap.
+    draws = _resampled(np.stack([power_new, power_old], axis=1), seed)
+    error = float(np.std(0.5 * np.log(draws[:, 0] / draws[:, 1]), ddof=1))
+    return _tested(effect, error, len(a), alpha)
+
+
+def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
+    """Whether the mean of a signed error has moved, in either direction: paired t.
+
+    A shift common to all frames hides in the RMS of an error that is much larger; it does not hide in its mean.
+
+    Returns
+    -------
+    PairedTest
+        `effect` is |mean(new) - mean(old)| in the unit of the input; the p-value is two-sided.
+    """
+    a, b = _paired(new, old)
+    difference = (a - b).ravel()
+    n = len(difference)
+    mean = float(np.mean(difference))
+    error = float(np.std(difference, ddof=1) / math.sqrt(n))
+    if error == 0.0:
+        return PairedTest(abs(mean), 0.0, float(mean == 0.0), n, 0.0)
+    p = 2.0 * float(stats.t.sf(abs(mean) / error, n - 1))
+    detectable = (stats.norm.isf(alpha / 2) + stats.norm.ppf(_POWER)) * error
+    return PairedTest(abs(mean), error, p, n, float(detectable))
+
+
+def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
+    """Whether fewer frames succeed than before: exact one-sided McNemar on the frames that changed.
+
+    Source: Q. McNemar, Note on the sampling error of the difference between correlated proportions, Psychometrika 12
+    (1947), with the binomial distribution in place of its chi-square.
+
+    Parameters
+    ----------
+    new, old : (n,) array_like of bool
+        Success of the same frames.
+
+    Returns
+    -------
+    PairedTest
+        `effect` is the loss of the rate of success, a fraction.
+    """
+    a, b = _paired(np.asarray(new, dtype=bool), np.asarray(old, dtype=bool))
+    lost, won = int(np.sum(b.astype(bool) & ~a.astype(bool))), int(np.sum(a.astype(bool) & ~b.astype(bool)))
+    n = len(a)
+    error = math.sqrt(lost + won) / n
+    p = float(stats.binomtest(lost, lost + won, 0.5, alternative="greater").pvalue) if lost + won else 1.0
+    # With nothing but losses, so many in a row are beyond chance; half of the real ones may go unseen at that many.
+    needed = math.ceil(math.log2(1.0 / alpha)) if alpha < 1 else 1
+    detectable = float(stats.gamma.isf(1 - _POWER, needed)) / n
+    return PairedTest((lost - won) / n, error, p, n, detectable)
+
+
+def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
+    a, b = np.asarray(new, dtype=np.float64), np.asarray(old, dtype=np.float64)
+    if a.shape != b.shape or a.ndim not in (1, 2):
+        raise ValueError(f"paired errors must have one shape (n,) or (n, k); these have {a.shape} and {b.shape}")
+    if len(a) < 2:
+        raise ValueError("a comparison needs at least two frames")
+    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+        raise ValueError("an error is not finite; compare frames that both sides solved")
+    return a, b
+
+
+def _resampled(values: Array, seed: int) -> Array:
+    """Sums (resamples, columns) of rows (n, columns) drawn with replacement."""
+    n = len(values)
+    generator = np.random.default_rng(seed)
+    out = np.empty((_RESAMPLES, values.shape[1]))
+    for i in range(0, _RESAMPLES, 250):  # 250 draws at a time: 1,000 frames are 1 MB
+        counts = generator.multinomial(n, np.full(n, 1.0 / n), size=min(250, _RESAMPLES - i))
+        out[i : i + len(counts)] = counts @ values
+    return out
+
+
+def _tested(effect: float, error: float, n: int, alpha: float) -> PairedTest:
+    p = float(stats.norm.sf(effect / error)) if error > 0 else float(effect <= 0)
+    detectable = float((stats.norm.isf(alpha) + stats.norm.ppf(_POWER)) * error)
+    return PairedTest(effect, error, p, n, detectable)
