@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,13 +145,15 @@ def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
 
 def _resampled(values: Array, seed: int) -> Array:
     """Sums (resamples, columns) of rows (n, columns) drawn with replacement."""
-    n = len(values)
+    return np.asarray(_draws(len(values), seed) @ values)
+
+
+@lru_cache(maxsize=2)
+def _draws(n: int, seed: int) -> NDArray[np.float32]:
+    """How often each of n rows is drawn: (resamples, n). A family of tests on the same frames shares it."""
     generator = np.random.default_rng(seed)
-    out = np.empty((_RESAMPLES, values.shape[1]))
-    for i in range(0, _RESAMPLES, 250):  # 250 draws at a time: 1,000 frames are 1 MB
-        counts = generator.multinomial(n, np.full(n, 1.0 / n), size=min(250, _RESAMPLES - i))
-        out[i : i + len(counts)] = counts @ values
-    return out
+    # In float32 the counts of 2,000 frames are 16 MB; they are small integers, so that nothing is lost.
+    return generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES).astype(np.float32)
 
 
 def _tested(effect: float, error: float, n: int, alpha: float) -> PairedTest:
