@@ -149,11 +149,11 @@ def _resampled(values: Array, seed: int) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _draws(n: int, seed: int) -> NDArray[np.float32]:
+def _draws(n: int, seed: int) -> Array:
     """How often each of n rows is drawn: (resamples, n). A family of tests on the same frames shares it."""
     generator = np.random.default_rng(seed)
-    # In float32 the counts of 2,000 frames are 16 MB; they are small integers, so that nothing is lost.
-    return generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES).astype(np.float32)
+    # 2,000 frames take 32 MB.
+    return generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES).astype(np.float64)
 
 
 def _tested(effect: float, error: float, n: int, alpha: float) -> PairedTest:
