@@ -37,6 +37,8 @@ _MIN_FOR_BAND = 5
 
 # Three panels fill the report's column.
 _PX_PER_PT = 1.6
+# Of more than this nothing could be read: every frame is a dot then.
+_MAX_PANELS = 6
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def pictures(table: pa.Table) -> list[Picture]:
         name = "-".join(re.sub(r"[^a-z0-9]+", "-", text.lower()) for text in (method, reference, group))
         about = f"Method {method} against the {reference}" + (f", group {group}" if several else "")
         grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
-        if grid is not None and len(grid[0]) > 1:
+        if grid is not None and len(grid[0]) > 1 and len(grid[1]) <= _MAX_PANELS:
             caption = (
                 f"{about}: mean error of the better candidate over distance, a panel a tilt, a curve a kind of "
                 "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."

@@ -67,6 +67,9 @@ METRICS: tuple[Metric, ...] = (
     ),
 )
 
+# Raised when a definition changes: scores of different versions are not compared.
+METRIC_VERSION = 1
+
 # Metrics of a candidate pose; the other two are of the ellipse alone, and the same for both candidates.
 POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS[:7])
 ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS[7:])
@@ -189,17 +192,17 @@ def reprojection_error_px(
     return np.where(opposite, np.nan, error)
 
 
-def ellipse_centre_error_px(
+def ellipse_centre_offset_px(
     ellipse_true: ArrayLike, camera_true: Camera, ellipse: ArrayLike, camera_used: Camera
 ) -> Array:
-    """Distance between the centres of two ellipses (..., 5), in pixels of the delivered image.
+    """From the centre of the true ellipse to that of the estimated one, (..., 2), in pixels of the delivered image.
 
-    Each is given in the undistorted pixel coordinates of its own camera. The centre of the ellipse is not the image
-    of the circle's centre: this is an error of detection, and is compared with the true ellipse's centre.
+    Each ellipse (..., 5) is given in the undistorted pixel coordinates of its own camera. The centre of the ellipse is
+    not the image of the circle's centre: this is an error of detection, and is compared with the true ellipse's centre.
     """
     a = distort_px(camera_true, np.asarray(ellipse_true, dtype=np.float64)[..., :2])
     b = distort_px(camera_used, np.asarray(ellipse, dtype=np.float64)[..., :2])
-    return np.asarray(np.linalg.norm(b - a, axis=-1), dtype=np.float64)
+    return np.asarray(b - a, dtype=np.float64)
 
 
 def contour_error_px(contour_px: ArrayLike, ellipse: ArrayLike, camera_used: Camera) -> Array:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import NotComparableError
+from roundel.validate.bounds import Bounds, bounds_of
 from roundel.validate.matching import Match, groups_of, match
 from roundel.validate.metrics import (
     ELLIPSE_METRICS,
     POSE_METRICS,
     contour_error_px,
-    ellipse_centre_error_px,
+    ellipse_centre_offset_px,
     normal_error_deg,
     position_errors,
     reprojection_error_px,
@@ -36,6 +37,10 @@ VARIABLES: dict[str, str] = {
     **{n: n for n in ("edge_contrast_dn", "edge_noise_dn", "edge_blur_px")},
 }
 
+# The offset of the ellipse's centre by coordinate: a shift common to all frames shows in its mean.
+SIGNED = ("ellipse_centre_x_error_px", "ellipse_centre_y_error_px")
+BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
+
 SCORES_SCHEMA = pa.schema(
     [
         ("frame_id", pa.int64()),
@@ -46,7 +51,8 @@ SCORES_SCHEMA = pa.schema(
         ("reason", pa.string()),
         *[(name, pa.float64()) for name in POSE_METRICS],
         *[(f"oracle_{name}", pa.float64()) for name in POSE_METRICS],
-        *[(name, pa.float64()) for name in ELLIPSE_METRICS],
+        *[(name, pa.float64()) for name in (*ELLIPSE_METRICS, *SIGNED)],
+        *[(name, pa.float64()) for name in BOUNDS],
         ("branch_correct", pa.bool_()),
     ]
 )
@@ -108,12 +114,14 @@ def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | 
         If there is no circle to score.
     """
     tables, false, matched = [], [], {}
+    every = bounds_of(dataset, targets)
     for run in runs:
-        mine = targets.take(np.flatnonzero(_expected(dataset, targets, run)))
+        expected = np.flatnonzero(_expected(dataset, targets, run))
+        mine, bounds = targets.take(expected), every.take(expected)
         found = match(mine, run)
         candidates = matched_candidates(found, run)
         matched[run.method, run.intrinsics] = mine, candidates
-        tables.append(score_rows(mine, candidates, found.reason, run.method, run.intrinsics, "truth"))
+        tables.append(score_rows(mine, candidates, found.reason, run.method, run.intrinsics, "truth", bounds))
         if board is not None:
             rows = _same_markers(mine, board)
             if len(rows):
@@ -192,7 +200,13 @@ def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidat
 
 
 def score_rows(
-    targets: Targets, candidates: Candidates, reason: list[str], method: str, intrinsics: str, reference: str
+    targets: Targets,
+    candidates: Candidates,
+    reason: list[str],
+    method: str,
+    intrinsics: str,
+    reference: str,
+    bounds: Bounds | None = None,
 ) -> pa.Table:
     """Rows of scores.parquet of one run against one reference.
 
@@ -230,9 +244,18 @@ def score_rows(
         **{name: _nullable(np.where(is_chosen, v[columns, chosen], np.nan)) for name, v in values.items()},
         **{f"oracle_{name}": _nullable(v[columns, oracle]) for name, v in values.items()},
         **{name: _nullable(v) for name, v in ellipse.items()},
+        **{name: _nullable(v) for name, v in zip(BOUNDS, _bounds(bounds, n), strict=True)},
         "branch_correct": pa.array(correct, mask=~is_chosen | (single & np.isnan(targets.other_normal[:, 0]))),
     }
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
+
+
+def _bounds(bounds: Bounds | None, n: int) -> tuple[Array, Array, Array]:
+    """Columns of `BOUNDS`; a chessboard's pose is no circle's, and has none."""
+    if bounds is None:
+        nothing = np.full(n, np.nan)
+        return nothing, nothing, nothing
+    return bounds.normal_deg, bounds.position_m, bounds.ellipse_centre_px
 
 
 def _nullable(values: Array) -> pa.Array:
@@ -270,13 +293,15 @@ def _pose_metrics(targets: Targets, candidates: Candidates, placed: NDArray[np.b
 def _ellipse_metrics(targets: Targets, candidates: Candidates) -> dict[str, Array]:
     """Both candidates have the same ellipse: that of the first that exists counts."""
     n, first = len(targets), np.argmax(candidates.has, axis=1)
-    centre, contour = np.full(n, np.nan), np.full(n, np.nan)
+    offset, contour = np.full((n, 2), np.nan), np.full(n, np.nan)
     rows = np.flatnonzero(candidates.has.any(axis=1) & np.isfinite(candidates.ellipse[np.arange(n), first]).all(axis=1))
     for index, where in groups_of(targets.camera[rows]):
         for used, part in groups_of(candidates.camera[rows[where], first[rows[where]]]):
             i = rows[where[part]]
             ellipse, camera = candidates.ellipse[i, first[i]], candidates.cameras[used]
-            centre[i] = ellipse_centre_error_px(targets.ellipse[i], targets.cameras[index], ellipse, camera)
+            offset[i] = ellipse_centre_offset_px(targets.ellipse[i], targets.cameras[index], ellipse, camera)
             for chunk in np.array_split(np.arange(len(i)), max(1, len(i) // 8192)):
                 contour[i[chunk]] = contour_error_px(targets.contour_px[i[chunk]], ellipse[chunk], camera)
-    return {"ellipse_centre_error_px": centre, "contour_error_px": contour}
+    centre = np.linalg.norm(offset, axis=-1)
+    signed = dict(zip(SIGNED, offset.T, strict=True))
+    return {"ellipse_centre_error_px": centre, "contour_error_px": contour, **signed}

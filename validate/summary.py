@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.validate.matching import GATE_FRACTION, GATE_PX
-from roundel.validate.metrics import ELLIPSE_METRICS, METRICS, POSE_METRICS
+from roundel.validate.metrics import ELLIPSE_METRICS, METRIC_VERSION, METRICS, POSE_METRICS
 from roundel.validate.scores import Scores
 
 Array = NDArray[np.float64]
@@ -181,6 +181,7 @@ def summarise(
     manifest = dataset.manifest
     return {
         "schema": SCHEMA,
+        "metric_version": METRIC_VERSION,
         "dataset": {
             "dataset_id": manifest["dataset_id"],
             "name": dataset.study.get("name"),

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.files import sha256, write_file
+from roundel.datasets.files import POINTS, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
 from roundel.validate.camera_errors import calibration_summary
@@ -100,12 +100,20 @@ def validate_dataset(
         SCORES: sha256(sink.getvalue()),
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
         **{name: record["sha256"] for name, record in dataset.manifest["files"].items() if "/" not in name},
+        "images": _digest_of_images(dataset),
     }
     html = render_report(summary, pictures(scores.table), worst(dataset, scores))
     write_file(out / SCORES, sink.getvalue())
     write_file(out / SUMMARY, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     write_file(out / REPORT, html.encode())
     return summary
+
+
+def _digest_of_images(dataset: Dataset) -> str:
+    """One checksum over those of all images, or of the points: whether two reports saw the same pixels."""
+    files = dataset.manifest["files"]
+    seen = [f"{name} {files[name]['sha256']}" for name in sorted(files) if name.startswith("images/") or name == POINTS]
+    return sha256("\n".join(seen).encode())
 
 
 def _digest(file: Path) -> str:

@@ -1,0 +1,44 @@
+"""`roundel gate` and `roundel baseline accept`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from roundel.scenes.errors import DataError
+
+
+def do_gate(arguments: argparse.Namespace) -> int:
+    """Compare a report with a baseline; 1 when it is worse."""
+    from roundel.datasets.files import write_file
+    from roundel.validate.baseline import baseline_of_report, read_baseline
+    from roundel.validate.gate import gate
+    from roundel.validate.gate_report import junit_xml, lines, markdown
+
+    old, new = read_baseline(arguments.baseline), baseline_of_report(arguments.report)
+    result = gate(new, old)
+    if arguments.junit:
+        write_file(arguments.junit, junit_xml(result))
+    summary = os.environ.get("GITHUB_STEP_SUMMARY")
+    if summary:
+        _append(Path(summary), markdown(result))
+    print("\n".join(lines(result)))
+    return 0 if result.passed else 1
+
+
+def do_baseline(arguments: argparse.Namespace) -> int:
+    """Make the scores of a report the baseline."""
+    from roundel.validate.baseline import accept
+
+    accepted = accept(arguments.report, arguments.baseline, arguments.reason)
+    print(f"{arguments.baseline}: {accepted.rows.num_rows} scores accepted; commit the file")
+    return 0
+
+
+def _append(path: Path, text: str) -> None:
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise DataError(f"{path}: cannot write the step summary: {error.strerror}") from error
