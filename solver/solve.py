@@ -65,6 +65,7 @@ def solve_dataset(
     intrinsics: Sequence[str] = ("true",),
     groups: Sequence[str] | None = None,
     knowledge: Knowledge = None,
+    frames: range | None = None,
     progress: Progress | None = None,
 ) -> dict[str, int]:
     """Estimate the pose of every circle in a dataset.
@@ -85,6 +86,8 @@ def solve_dataset(
         Only these.
     knowledge : str, NormalPrior or None
         See `choose`.
+    frames : range, optional
+        Only these frame_ids.
     progress : callable, optional
         Called with (frames done, frames in all).
 
@@ -105,14 +108,14 @@ def solve_dataset(
     methods = list(dict.fromkeys(methods))
     specs = _specs(intrinsics)
     images = open_images(dataset_path)
-    frames = _frames(images, specs, groups)
+    todo = _frames(images, specs, groups, frames)
     labels = [spec.label for spec in specs]
     estimates: list[Estimate] = []
     timings: list[str] = []
-    counts = {"frames": len(frames), "detections": 0, "empty_frames": 0, "failed_estimates": 0}
-    for done, frame in enumerate(frames):
+    counts = {"frames": len(todo), "detections": 0, "empty_frames": 0, "failed_estimates": 0}
+    for done, frame in enumerate(todo):
         if progress:
-            progress(done, len(frames))
+            progress(done, len(todo))
         started = time.perf_counter()
         found, fits = _fits(images, frame, methods)
         middle = time.perf_counter()
@@ -125,7 +128,7 @@ def solve_dataset(
         seconds = {"detect_s": round(middle - started, 6), "pose_s": round(ended - middle, 6)}
         timings.append(json.dumps({"frame_id": frame.frame_id, "detections": found, **seconds}))
     if progress:
-        progress(len(frames), len(frames))
+        progress(len(todo), len(todo))
     out = Path(out_path)
     write_estimates(estimates, out / ESTIMATES)
     write_file(out / TIMINGS, "".join(f"{line}\n" for line in timings).encode())
@@ -144,7 +147,9 @@ def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
     return list({spec.label: spec for spec in specs.values()}.values())
 
 
-def _frames(images: Images, specs: list[Intrinsics], groups: Sequence[str] | None) -> list[_Frame]:
+def _frames(
+    images: Images, specs: list[Intrinsics], groups: Sequence[str] | None, wanted: range | None
+) -> list[_Frame]:
     """Frames with a circular marker; their cameras are made first, so that a wrong argument ends the run at once."""
     known = sorted(set(images.groups))
     for group in groups or ():
@@ -155,11 +160,14 @@ def _frames(images: Images, specs: list[Intrinsics], groups: Sequence[str] | Non
         diameters = [m["diameter_m"] for m in images.markers(i) if m["diameter_m"] is not None]
         if not diameters or (groups is not None and group not in groups):
             continue
+        if wanted is not None and frame_id not in wanted:
+            continue
         camera = images.camera(i)
         cameras = [camera_for(spec, camera, camera.width_px, camera.height_px) for spec in specs]
         out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
     if not out:
-        raise UsageError("no frame with a circular marker; name a group that has one")
+        which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"
+        raise UsageError(f"no frame with a circular marker{which}; name a group, or frames, that have one")
     return out
 
 

@@ -1,7 +1,7 @@
 """The Cramer-Rao bound of each frame's errors, from the truth: what no unbiased method could do better than.
 
-An edge of contrast h, noise s and blur b (Gaussian sigma, the pixel's own 1/12 px^2 included) tells its position,
-a pixel of its length, with a variance of 2 sqrt(pi) b s^2 / h^2. The contour's information about the pose follows from that
+An edge of contrast h, noise s and blur b (Gaussian sigma, the pixel's own 1/12 px^2 included) tells its position, a
+pixel of its length, with a variance of 2 sqrt(pi) b s^2 / h^2; the contour's information about the pose follows
 (`scenes.information`). Grey levels and blur are taken as known, which costs a real method up to some ten per cent more.
 """
 
