@@ -26,7 +26,7 @@ from roundel.scenes.lamps import check_light
 from roundel.scenes.marker import Part, Sheet
 from roundel.scenes.motion import Motion, image_of, pose_at
 from roundel.scenes.occluders import check_occluders
-from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.scenes.pose import camera_from_marker_of, minimal_rotation, normal_of, transform_points
 from roundel.scenes.prints import sheet_of
 from roundel.scenes.sampling import draw, frame_count, frames_per_level, stream
 from roundel.scenes.schema import GroupSection
@@ -244,7 +244,10 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         distance_m = pose.distance_D * 2 * first.radius_m
     normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
     pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
-    centre_m = distance_m * ray_direction(camera, pixel)
+    ray = ray_direction(camera, pixel)
+    if pose.tilt_from == "line_of_sight":
+        normal = minimal_rotation([0.0, 0.0, 1.0], ray) @ normal
+    centre_m = distance_m * ray
     camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
     low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
     if not (np.all(pixel >= low) and np.all(pixel <= high)):

@@ -30,6 +30,10 @@ class PoseSection(Section):
     distance_m: Positive | None = None
     tilt_deg: Tilt = 0.0
     azimuth_deg: Turn = 0.0
+    # None and not "optical_axis": a key that is left out must not change the digest of a study that never knew it.
+    tilt_from: Literal["line_of_sight"] | None = Field(
+        default=None, description="measure tilt and azimuth from the line of sight instead of from the optical axis"
+    )
     roll_deg: Turn = 0.0
     offset_x_px: AnyValue = Field(default=0.0, description="image of the centre, from the principal point")
     offset_y_px: AnyValue = 0.0
