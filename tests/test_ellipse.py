@@ -129,29 +129,113 @@ def test_robust_loss_ignores_outliers(loss):
     assert np.abs(plain.ellipse[:4] - ELLIPSE[:4]).max() > 0.3
 
 
+@pytest.mark.parametrize("loss", ["huber", "tukey"])
+@pytest.mark.parametrize("where", ["anywhere", "on one arc"])
+def test_robust_covariance_holds_with_a_fifth_of_outliers(loss, where):
+    generator = np.random.default_rng(6)
+    truth, squared = shape_of_ellipse(ELLIPSE), []
+    for _ in range(120):
+        points = ellipse_points(ELLIPSE, 200) + generator.normal(0, 0.2, (200, 2))
+        outliers = generator.permutation(200)[:40] if where == "anywhere" else np.arange(40)
+        points[outliers] += generator.normal(0, 4.0, (40, 2))  # twenty sigmas
+        fit = fit_ellipse(points, loss=loss, tolerance=1e-5)
+        assert isinstance(fit, EllipseFit)
+        difference = shape_of_ellipse(fit.ellipse) - truth
+        squared.append(difference @ np.linalg.solve(fit.shape_cov, difference))
+        # The scale is that of the good points, or twice it where Huber's loss lets the outliers of an arc bend the fit;
+        # with all of them it would be 1.8 px.
+        assert 0.15 < fit.sigma_px < 0.5
+    # Chi-square of 5: standard error sqrt(10 / 120) = 0.29, four of those. The sandwich is itself estimated, from a few
+    # outliers: the expectation is 5.09 as for the plain fit, and up to half of one more was seen.
+    assert 5.09 - 4 * 0.29 < np.mean(squared) < 5.6 + 4 * 0.29
+
+
+def test_robust_loss_costs_little_where_there_are_no_outliers():
+    generator = np.random.default_rng(7)
+    truth, squared = shape_of_ellipse(ELLIPSE), []
+    for _ in range(120):
+        fit = fit_ellipse(ellipse_points(ELLIPSE, 200) + generator.normal(0, 0.2, (200, 2)), loss="huber")
+        assert isinstance(fit, EllipseFit)
+        difference = shape_of_ellipse(fit.ellipse) - truth
+        squared.append(difference @ np.linalg.solve(fit.shape_cov, difference))
+    assert np.mean(squared) == pytest.approx(5.09, abs=4 * 0.29)
+
+
+def test_weights_count_in_the_robust_loss_too():
+    generator = np.random.default_rng(8)
+    sigma = np.where(np.arange(200) % 2, 0.05, 2.0)  # a poor point is no outlier: its residual is as it was declared
+    points = ellipse_points(ELLIPSE, 200) + generator.normal(size=(200, 2)) * sigma[:, None]
+    fit, plain = fit_ellipse(points, sigma, loss="tukey"), fit_ellipse(points, sigma)
+    assert isinstance(fit, EllipseFit)
+    assert isinstance(plain, EllipseFit)
+    assert np.abs(fit.ellipse[:4] - plain.ellipse[:4]).max() < 0.02  # the good points' own error
+    assert fit.sigma_px == pytest.approx(plain.sigma_px, rel=0.3)
+
+
+LINE = np.stack([np.arange(10.0), np.arange(10.0)], axis=1)
+CORNERS = np.array([[0, 0], [4, 0], [4, 2], [0, 2.0]])
+
+
+@pytest.mark.parametrize("fit", [fit_ellipse, direct_ellipse])
 @pytest.mark.parametrize(
     ("points", "says"),
     [
         (np.zeros((10, 2)), "coincide"),
-        (np.stack([np.arange(10.0), np.arange(10.0)], axis=1), "line"),
+        (np.full((10, 2), 1e-200), "coincide"),
+        (1e9 + 1e-3 * np.random.default_rng(0).normal(size=(10, 2)), "coincide"),
+        (LINE, "line"),
+        (LINE * 1e9, "line"),
+        (np.stack([np.arange(10.0), np.zeros(10)], axis=1), "line"),
         (np.zeros((3, 2)), "only 3 points"),
+        (ellipse_points(ELLIPSE, 5), "only 5 points"),
+        (np.tile(CORNERS, (5, 1)), "only 4 distinct points"),
+        (np.tile(ellipse_points(ELLIPSE, 5), (2, 1)), "only 5 distinct points"),
+        (np.zeros((0, 2)), "only 0 points"),
         (np.full((9, 2), np.nan), "not finite"),
+        (np.vstack([ellipse_points(ELLIPSE, 9), [[np.inf, 0.0]]]), "not finite"),
+        (1e200 * ellipse_points(ELLIPSE, 9), "beyond"),
         (np.zeros(4), "array"),
-        (np.stack([np.arange(10.0), np.arange(10.0) ** 2], axis=1), "without end"),
+        (np.zeros((9, 3)), "array"),
+        ([["a", "b"]] * 9, "numbers"),
+        ([[1, 2], [3]], "numbers"),
     ],
 )
-def test_failures_are_falsy_and_say_why(points, says):
-    fit = fit_ellipse(points)
-    assert isinstance(fit, FailedFit)
-    assert not fit
-    assert says in fit.reason
+def test_failures_are_falsy_and_say_why(fit, points, says):
+    failed = fit(points)
+    assert isinstance(failed, FailedFit)
+    assert not failed
+    assert says in failed.reason
 
 
-def test_wrong_arguments_raise():
+def test_an_open_curve_has_no_ellipse():
+    failed = fit_ellipse(np.stack([np.arange(10.0), np.arange(10.0) ** 2], axis=1))
+    assert isinstance(failed, FailedFit)
+    assert "without end" in failed.reason
+
+
+@pytest.mark.parametrize("sigma", [0.0, np.zeros(20), np.full(20, np.nan), -np.ones(20), np.r_[np.ones(19), np.inf]])
+def test_sigmas_that_are_none(sigma):
+    failed = fit_ellipse(ellipse_points(ELLIPSE, 20), sigma_px=sigma)
+    assert isinstance(failed, FailedFit)
+    assert "positive and finite" in failed.reason
+
+
+def test_other_wrong_arguments():
+    points = ellipse_points(ELLIPSE, 20)
+    assert "one number a point" in fit_ellipse(points, sigma_px=np.ones(7)).reason
+    assert "start" in fit_ellipse(points, start=[1, 2, 3, -1, 0]).reason
+    assert "start" in fit_ellipse(points, start=[1, 2, 3]).reason
     with pytest.raises(ValueError, match="unknown loss"):
-        fit_ellipse(ellipse_points(ELLIPSE, 20), loss="cauchy")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="sigma_px"):
-        fit_ellipse(ellipse_points(ELLIPSE, 20), sigma_px=np.zeros(20))
+        fit_ellipse(points, loss="cauchy")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("offset", "size"), [(1e9, 1e3), (-1e9, 1.0), (0.0, 1e-6), (0.0, 1e6)])
+def test_huge_and_tiny_coordinates(offset, size):
+    ellipse = np.array([offset, offset, 40.0 * size, 30.0 * size, 20.0])
+    fit = fit_ellipse(ellipse_points(ellipse, 100))
+    assert isinstance(fit, EllipseFit)
+    # What the coordinates have for digits, and ten times that.
+    assert np.abs(fit.ellipse[:4] - ellipse[:4]).max() < 1e-15 * abs(offset) + 1e-11 * size
 
 
 # Errata, section 5: mean over 300 trials, maximum likelihood, oracle, sigma 1 px, N = perimeter.

@@ -1,0 +1,73 @@
+"""Levenberg-Marquardt for five parameters of an ellipse and many points: small, and sparing with evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_MAX_ITERATIONS = 50
+
+
+def minimise(
+    theta: Array,
+    rows_at: Callable[[Array], Array],
+    valid: Callable[[Array], bool],
+    smallest_step: float,
+    weight_of: Callable[[Array], Array] | None = None,
+) -> tuple[Array, Array]:
+    """Minimise the sum of squared residuals, iteratively reweighted if asked for.
+
+    Source: D. W. Marquardt, J. SIAM 11 (1963), with the damping in units of the normal matrix's diagonal.
+
+    Parameters
+    ----------
+    theta : (5,) array
+        Where to start; valid.
+    rows_at : callable
+        theta to (6, N): derivatives of the residuals by theta, and below them the residuals.
+    valid : callable
+        Whether theta is allowed: a step that is not is shortened.
+    smallest_step : float
+        A step whose elements are all smaller ends the iteration. It is taken, and the residuals follow by their
+        derivatives: evaluating them anew would change nothing.
+    weight_of : callable, optional
+        Residuals (N,) to weights (N,) of their squares (a robust loss: psi(r) / r).
+
+    Returns
+    -------
+    theta : (5,) array
+    rows : (6, N) array
+    """
+    damping = 1e-4
+    rows = rows_at(theta)
+    for _ in range(_MAX_ITERATIONS):
+        weight = 1.0 if weight_of is None else weight_of(rows[5])
+        weighted = rows * weight if weight_of is not None else rows
+        gram = weighted @ rows.T
+        normal, gradient = gram[:5, :5], gram[:5, 5]
+        cost = float(weighted[5] @ rows[5])
+        scale = normal.diagonal() + (normal.diagonal() <= 0)
+        moved = False
+        while damping < 1e10 and not moved:
+            try:
+                step = np.asarray(-np.linalg.solve(normal + np.diag(damping * scale), gradient), dtype=np.float64)
+            except np.linalg.LinAlgError:  # points that do not determine all five
+                damping *= 10.0
+                continue
+            trial = theta + step
+            if valid(trial):
+                if float(np.abs(step).max()) < smallest_step:
+                    rows[5] += step @ rows[:5]
+                    return trial, rows
+                new = rows_at(trial)
+                moved = float((new[5] * weight) @ new[5]) <= cost
+                if moved:
+                    theta, rows = trial, new
+            damping = max(damping * 0.1, 1e-12) if moved else damping * 10.0
+        if not moved:
+            break
+    return theta, rows
