@@ -4,15 +4,16 @@ PYTHON ?= python3
 PYTEST_FLAGS ?=
 BENCH_FLAGS ?=
 BENCH_PYTHON ?= python3.11
+FUZZ_SECONDS ?= 300
 BIN = .venv/bin
 ROOMS = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo test test-slow check links bench bench-env clean distclean
+.PHONY: help env demo test test-slow check links bench bench-env bench-solver peers-env fuzz fuzz-env clean distclean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 env: $(STAMP) ## the virtual environment .venv, with Roundel installed editable
 
@@ -57,9 +58,23 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
+bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
+	$(BIN)/python benchmarks/peers_solver.py $(BENCH_FLAGS)
+
+peers-env: env ## .bench-peers with simittag and pycalib, for `make bench-solver`
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --upgrade --target .bench-peers --group peers
+
+fuzz: env ## fuzz the entrances to images and photographs for FUZZ_SECONDS in all
+	$(BIN)/python fuzz/run.py --seconds $(FUZZ_SECONDS)
+
+fuzz-env: env ## atheris, for `make fuzz`; without it hypothesis fuzzes alone
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --group fuzz
+
 clean: ## remove caches, links, build products and out/demo
 	rm -rf .links .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist roundel.egg-info out/demo
 	find $(ROOMS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## clean, and remove .venv and .venv-bench too
-	rm -rf .venv .venv-bench
+distclean: clean ## clean, and remove .venv, .venv-bench and .bench-peers too
+	rm -rf .venv .venv-bench .bench-peers

@@ -80,21 +80,34 @@ def build_parser() -> argparse.ArgumentParser:
         "--sensor", required=True, metavar="FILE", help="YAML: keys of a `sensor:` section, laid over each group's own"
     )
 
-    solve = verb("solve", "estimate the pose of every circle in a dataset")
-    solve.add_argument("dataset", metavar="DATASET")
-    solve.add_argument("out", metavar="OUT")
+    solve = verb("solve", "estimate the pose of every circle in a dataset, or in photographs")
+    solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
+    solve.add_argument("out", metavar="OUT", help="folder to write to")
     solve.add_argument(
-        "--method", action="append", metavar="NAME", help="ml (default), direct, edgedrawing; may repeat"
+        "--diameter-m", type=_positive, metavar="D", help="outer diameter of the printed circles; photographs need it"
+    )
+    solve.add_argument(
+        "--method",
+        action="append",
+        metavar="NAME",
+        help="pixels (default), ml, guaranteed, direct, edgedrawing; may repeat",
     )
     solve.add_argument(
         "--intrinsics",
         action="append",
         metavar="SPEC",
-        help="true, default, default:width, exif, scaled:0.7, calibrated:FILE; may repeat (default: the study's)",
+        help="true, default, default:width, default:crop43, exif, focal:3100+-60 (px), focal35:26+-1 (mm), scaled:0.7, "
+        "calibrated:FILE; may repeat (default: the study's; for photographs exif, else default)",
+    )
+    solve.add_argument(
+        "--linear", action="store_true", help="photographs whose pixels are proportional to light (default: sRGB)"
     )
     solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; may repeat")
     solve.add_argument(
-        "--knowledge", choices=("none", "same_side", "opposite_side"), help="declared knowledge about the pose"
+        "--knowledge",
+        metavar="WORDS",
+        help="what is known of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
+        "circle:RATIO, tick; several joined by + (default: none, both poses are equally likely)",
     )
 
     validate = verb("validate", "score estimates against the truth")
@@ -121,6 +134,19 @@ def build_parser() -> argparse.ArgumentParser:
     verify = verb("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
     verify.add_argument("dataset", metavar="DATASET")
     verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
+
+    marker = verb("marker", "write a marker to print, to scale, with a ruler that checks the printer")
+    marker.add_argument(
+        "kind",
+        metavar="KIND",
+        help="disc, disc_with_tick, ring, rings, two_discs, dot_ring, disc_with_chessboard, chessboard, charuco, tags",
+    )
+    marker.add_argument("out", metavar="OUT", help="ends in .pdf or .svg")
+    marker.add_argument("--diameter-m", type=_positive, metavar="D", help="of the circle (default 0.08)")
+    marker.add_argument("--paper", default="a4", metavar="NAME", help="a5, a4 (default), a3, letter, legal, tabloid")
+    marker.add_argument(
+        "--set", action="append", metavar="KEY=VALUE", help="a key of the marker's section, as inner_diameter_m=0.05"
+    )
 
     verb("doctor", "print versions and the renderer's backend, what is missing, and its remedy")
     return parser

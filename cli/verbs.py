@@ -37,8 +37,8 @@ def do_check(arguments: argparse.Namespace) -> int:
 def _study(path: str) -> Any:
     """A study whose methods and intrinsics are known, too: better now than after an hour of rendering."""
     from roundel.scenes.study import load_study
+    from roundel.solver.fits import check_methods
     from roundel.solver.intrinsics import parse_intrinsics
-    from roundel.solver.solve import check_methods
 
     study = load_study(path)
     try:
@@ -116,12 +116,19 @@ def _print_fidelity(manifest: dict[str, Any]) -> None:
 
 
 def do_solve(arguments: argparse.Namespace) -> int:
-    """Estimate poses from a dataset's images."""
+    """Estimate poses from a dataset's images, or from photographs."""
+    from roundel.cli.photo_verbs import are_photographs, solve_photos
+
+    if are_photographs(arguments.inputs):
+        return solve_photos(arguments, _knowledge(arguments.knowledge))
+    if arguments.diameter_m is not None or arguments.linear:
+        option = "--linear" if arguments.linear else "--diameter-m"
+        raise UsageError(f"{option}: a dataset knows its markers and its sensor; leave it out")
     from roundel.datasets.images import open_images
     from roundel.datasets.manifest import read_manifest
     from roundel.solver.solve import solve_dataset
 
-    dataset = Path(arguments.dataset)
+    dataset = Path(arguments.inputs[0])
     # Opened first: a folder that is no dataset has a clearer sentence to say than its missing study.
     groups = sorted(set(open_images(dataset).groups))
     wanted = read_manifest(dataset)["study"].get("solve", {})
@@ -146,8 +153,10 @@ def do_solve(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _knowledge(word: str | None) -> str | None:
-    return None if word in (None, "none") else word
+def _knowledge(text: str | None) -> Any:
+    from roundel.solver.knowledge_words import parse_knowledge
+
+    return None if text is None else parse_knowledge(text)
 
 
 def _counted(counts: Any) -> str:
@@ -239,6 +248,13 @@ def _calibration_line(record: dict[str, Any]) -> str:
     from roundel.validate.camera_errors import calibration_lines
 
     return "\n".join(calibration_lines(record))
+
+
+def do_marker(arguments: argparse.Namespace) -> int:
+    """Print a marker."""
+    from roundel.cli.photo_verbs import print_marker
+
+    return print_marker(arguments)
 
 
 def do_verify(arguments: argparse.Namespace) -> int:

@@ -113,6 +113,19 @@ def distorts(camera: Camera) -> bool:
     return camera.distortion_model == "fisheye" or any(camera.distortion)
 
 
+def camera_problem(camera: Camera) -> str:
+    """What is wrong with a camera's K or lens model, in one clause; empty if nothing is."""
+    try:
+        k = np.asarray(camera.K, dtype=np.float64)
+    except (TypeError, ValueError):
+        return "K must be a finite 3x3 matrix with positive focal lengths"
+    if k.shape != (3, 3) or not np.all(np.isfinite(k)) or k[0, 0] <= 0 or k[1, 1] <= 0:
+        return "K must be a finite 3x3 matrix with positive focal lengths"
+    if k[1, 0] != 0 or k[2, 0] != 0 or k[2, 1] != 0 or k[2, 2] != 1:
+        return "K must be upper triangular with K[2][2] = 1"
+    return lens_problem(camera.distortion_model, camera.distortion)
+
+
 def lens_problem(model: str, distortion: tuple[float, ...]) -> str:
     """What is wrong with a lens model, in one clause; empty if nothing is."""
     if model not in COEFFICIENTS:
@@ -295,18 +308,15 @@ def camera_from_json(record: dict[str, Any]) -> Camera:
         focal_35mm_mm = exif.get("focal_35mm_mm")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"camera record: {type(error).__name__} at {error}; it needs width_px, height_px, K") from error
-    if k.shape != (3, 3) or not np.all(np.isfinite(k)) or k[0, 0] <= 0 or k[1, 1] <= 0:
-        raise DataError("camera record: K must be a finite 3x3 matrix with positive focal lengths")
-    if k[1, 0] != 0 or k[2, 0] != 0 or k[2, 1] != 0 or k[2, 2] != 1:
-        raise DataError("camera record: K must be upper triangular with K[2][2] = 1")
     if width_px <= 0 or height_px <= 0:
         raise DataError("camera record: needs a positive size")
     if model == "none":
         if distortion:
             raise DataError(f"camera record: distortion_model none takes no coefficients, not {len(distortion)}")
         model = "opencv"
-    problem = lens_problem(str(model), distortion)
+    focal = None if focal_35mm_mm is None else float(focal_35mm_mm)
+    camera = Camera(width_px, height_px, k, distortion, focal_35mm_mm=focal, distortion_model=str(model))
+    problem = camera_problem(camera)
     if problem:
         raise DataError(f"camera record: {problem}")
-    focal = None if focal_35mm_mm is None else float(focal_35mm_mm)
-    return Camera(width_px, height_px, k, distortion, focal_35mm_mm=focal, distortion_model=str(model))
+    return camera

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.solver.arcs import arcs_of
 from roundel.solver.ellipse import FailedFit, direct_ellipse
 from roundel.solver.foot_points import foot_points
 
@@ -19,7 +20,9 @@ Array = NDArray[np.float64]
 
 _MIN_SEMI_AXES_PX = (3.0, 2.0)  # major and minor; below them there is no inside to see
 _MIN_ASPECT = 0.08  # b / a; a circle at 85 degrees of tilt
+_NOISE_PIXELS = 20_000
 _MIN_SEGMENT_POINTS = 12
+_MIN_ARC = 0.2  # of the ellipse that one piece must span
 
 
 def noise_dn(image: NDArray[Any]) -> float:
@@ -29,7 +32,9 @@ def noise_dn(image: NDArray[Any]) -> float:
     """
     if min(image.shape) < 3:
         return 0.0
-    strips = image[: image.shape[0] // 3 * 3].reshape(-1, 3, image.shape[1])[:: max(1, image.shape[0] // 360)]
+    # Some 20,000 pixels tell the median to 1.5 %.
+    skip = max(1, image.size // (3 * _NOISE_PIXELS))
+    strips = image[: image.shape[0] // 3 * 3].reshape(-1, 3, image.shape[1])[::skip]
     top, middle, bottom = (strips[:, i].astype(np.float32) for i in range(3))
     rows = top - 2 * middle + bottom
     second = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
@@ -39,8 +44,7 @@ def noise_dn(image: NDArray[Any]) -> float:
 def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
     """The image stretched to 8 bits and the gain, for detectors that know nothing else: never for measuring."""
     sample = image[::4, ::4]
-    low, high = np.percentile(sample, (0.5, 99.5)) if sample.size else (0.0, 0.0)
-    low, high = min(float(low), float(sample.min())), max(float(high), float(sample.max()))
+    low, high = (float(sample.min()), float(sample.max())) if sample.size else (0.0, 0.0)
     # At least a sixteenth of the full scale: a blank image must not become an image of its noise.
     full = float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else max(high, 1e-12)
     span = max(high - low, full / 16.0)
@@ -50,8 +54,10 @@ def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
     return np.ascontiguousarray(np.clip((image.astype(np.float32) - low) * gain, 0, 255).astype(np.uint8)), gain
 
 
-def edge_drawing(grey: NDArray[np.uint8], noise: float) -> tuple[list[Array], list[Array]]:
-    """Edge segments, (N, 2) each, and ellipses, (5,) each."""
+def edge_drawing(
+    grey: NDArray[np.uint8], noise: float, with_ellipses: bool = True
+) -> tuple[list[Array], list[Array]]:
+    """Edge segments, (N, 2) each, and if wanted EdgeDrawing's ellipses, (5,) each."""
     parameters = cv2.ximgproc.EdgeDrawing.Params()
     parameters.EdgeDetectionOperator = cv2.ximgproc.EdgeDrawing_PREWITT
     # Against strong noise a wider Gaussian: a step keeps 1 / sigma of its gradient, noise 1 / sigma^2.
@@ -65,7 +71,7 @@ def edge_drawing(grey: NDArray[np.uint8], noise: float) -> tuple[list[Array], li
     drawing.setParams(parameters)
     drawing.detectEdges(grey)
     segments = [np.asarray(s, dtype=np.float64).reshape(-1, 2) for s in drawing.getSegments()]
-    answer = drawing.detectEllipses()
+    answer = drawing.detectEllipses() if with_ellipses else None
     ellipses = []
     if answer is not None:
         for x, y, r, a, b, angle in np.asarray(answer, dtype=np.float64).reshape(-1, 6):
@@ -76,43 +82,71 @@ def edge_drawing(grey: NDArray[np.uint8], noise: float) -> tuple[list[Array], li
 
 
 def from_segments(segments: list[Array], shape: tuple[int, ...]) -> list[Array]:
-    """Ellipses of edge segments that are one, wholly or for a good part."""
+    """Ellipses of edge segments that are one, wholly, or piece by piece between their corners."""
     out = []
     everything = np.concatenate(segments) if segments else np.zeros((0, 2))
+    rest = []
     for points in segments:
-        if len(points) < _MIN_SEGMENT_POINTS or min(np.ptp(points, axis=0)) < 3.0:
-            continue
-        # OpenCV's direct fit is fast and rough, which is right for thousands of segments.
-        (x, y), (width, height), angle = cv2.fitEllipseDirect(points.astype(np.float32))
-        ellipse = np.array([x, y, width / 2, height / 2, angle])
-        if height > width:
-            ellipse[2:] = height / 2, width / 2, angle + 90.0
-        # Chain points are whole pixels, 0.3 px off; more than that and 4 % of the size is a square, or a letter.
-        if not plausible(ellipse, shape) or _sampson_rms(ellipse, points) > 0.5 + 0.04 * float(ellipse[3]):
-            continue
-        covered = _covered(ellipse, points)
-        if covered < 0.25:
-            continue
-        for _ in range(2):  # an arc: let it collect what lies along its continuation
-            if covered > 0.9:
-                break
-            more = _along(ellipse, everything)
-            grown = direct_ellipse(more)
-            if isinstance(grown, FailedFit) or not plausible(grown, shape):
-                break
-            ellipse, covered = grown, _covered(grown, more)
-        out.append(ellipse)
+        ellipse = _of_points(points, shape)
+        if ellipse is None:
+            rest.append(points)
+        else:
+            out.append(_grown(ellipse, points, everything, shape))
+    for points in arcs_of(rest):
+        ellipse = _of_points(points, shape)
+        if ellipse is not None:
+            out.append(_grown(ellipse, points, everything, shape))
     return out
 
 
+def _of_points(points: Array, shape: tuple[int, ...]) -> Array | None:
+    if len(points) < _MIN_SEGMENT_POINTS or min(np.ptp(points, axis=0)) < 3.0:
+        return None
+    # OpenCV's direct fit is fast and rough, which is right for thousands of segments.
+    (x, y), (width, height), angle = cv2.fitEllipseDirect(points.astype(np.float32))
+    ellipse = np.array([x, y, width / 2, height / 2, angle])
+    if height > width:
+        ellipse[2:] = height / 2, width / 2, angle + 90.0
+    # Chain points are whole pixels, 0.3 px off; more than that and 4 % of the size is a square, or a letter.
+    if not plausible(ellipse, shape) or _sampson_rms(ellipse, points) > min(0.5 + 0.04 * float(ellipse[3]), 2.0):
+        return None
+    return ellipse if _covered(ellipse, points) >= _MIN_ARC else None
+
+
+def _grown(ellipse: Array, points: Array, everything: Array, shape: tuple[int, ...]) -> Array:
+    """Of an arc: what lies along its continuation belongs to it."""
+    covered = _covered(ellipse, points)
+    for _ in range(3):
+        if covered > 0.9:
+            break
+        more = _along(ellipse, everything)
+        grown = direct_ellipse(more)
+        if isinstance(grown, FailedFit) or not plausible(grown, shape):
+            break
+        before, ellipse, covered = covered, grown, _covered(grown, more)
+        if covered <= before:
+            break
+    return ellipse
+
+
 def _sampson_rms(ellipse: Array, points: Array) -> float:
-    """RMS of the distance to first order, F / |grad F|."""
+    """RMS of the distance to first order."""
+    return float(np.sqrt(np.mean(_sampson(ellipse, points) ** 2)))
+
+
+def _in_frame(ellipse: Array, points: Array) -> Array:
+    """Points (N, 2) in the frame in which the ellipse is the unit circle."""
     angle = math.radians(ellipse[4])
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    p = (points - ellipse[:2]) @ turn / ellipse[2:4]
+    return np.asarray((points - ellipse[:2]) @ turn / ellipse[2:4])
+
+
+def _sampson(ellipse: Array, points: Array) -> Array:
+    """Distance to first order, F / |grad F|."""
+    p = _in_frame(ellipse, points)
     gradient = np.sum((p / ellipse[2:4]) ** 2, axis=1)
     value = np.sum(p * p, axis=1) - 1.0
-    return float(np.sqrt(np.mean(value * value / np.maximum(4.0 * gradient, 1e-12))))
+    return np.asarray(value / np.sqrt(np.maximum(4.0 * gradient, 1e-12)))
 
 
 def plausible(ellipse: Array, shape: tuple[int, ...]) -> bool:
@@ -133,8 +167,8 @@ def rms_distance(ellipse: Array, points: Array) -> float:
 
 def _covered(ellipse: Array, points: Array) -> float:
     """Fraction of 24 equal steps of the eccentric angle that hold a point."""
-    u = foot_points(ellipse, points)[2]
-    angle = np.arctan2(u[:, 1], u[:, 0]) / (2 * np.pi) + 0.5
+    p = _in_frame(ellipse, points)
+    angle = np.arctan2(p[:, 1], p[:, 0]) / (2 * np.pi) + 0.5
     return float(np.count_nonzero(np.bincount((angle * 24).astype(np.int64) % 24, minlength=24))) / 24.0
 
 
@@ -142,4 +176,4 @@ def _along(ellipse: Array, points: Array) -> Array:
     radius = float(ellipse[2]) + 2.0
     box = np.all(np.abs(points - ellipse[:2]) <= radius, axis=1)
     close = points[box]
-    return close[np.abs(foot_points(ellipse, close)[0]) <= 1.5]
+    return close[np.abs(_sampson(ellipse, close)) <= 1.5]

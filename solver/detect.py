@@ -13,16 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.conic import ellipse_perimeter_px
-from roundel.solver.candidates import edge_drawing, from_segments, grey_8bit, noise_dn, plausible, rms_distance
+from roundel.solver.candidates import edge_drawing, from_segments, grey_8bit, noise_dn, plausible
+from roundel.solver.confidence import confidence_of, is_circle_image
 from roundel.solver.edges import EdgePoints, edge_points
 from roundel.solver.ellipse import FailedFit
+from roundel.solver.evidence import contour_evidence
+from roundel.solver.reduced import enlarged, enlarged_ellipse, reduced
 
 Array = NDArray[np.float64]
 
-_MIN_COVERAGE = 0.5  # of the contour that must show an edge: a marker may be partly hidden
-_MIN_CONTRAST_DN = 2.5  # smooth light has contours of one step where it is rounded
-_MAX_REFINED = 32  # the candidates with the best evidence; refining one takes about 20 ms
+_MIN_SUPPORT = 0.3  # of the contour that must show a step: a marker may be partly hidden
+_CONFIDENT = 0.5
+_MAX_PX = 16_000_000  # larger images are searched at a whole fraction of their size, and measured as they are
+_COARSE, _BETWEEN = 4, 2  # where the soft and the noisy are looked for: at a quarter always, at a half if need be
+_MIN_SIDE_PX = 24  # of a reduced image
+_PATIENCE = 48  # refinements in a row that come to nothing; what follows them has less evidence still
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +42,29 @@ class Detection:
         Contours concentric with it, from the outside inward: rings have them.
     edgedrawing : (5,) array or None
         EdgeDrawing's own ellipse of this contour, where it found one.
+    confidence : float
+        That this is the image of a circle, 0 to 1: see `solver.confidence`.
     """
 
     edges: EdgePoints
     inner: list[EdgePoints] = field(default_factory=list)
     edgedrawing: Array | None = None
+    confidence: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Contour:
+    edges: EdgePoints
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """The image reduced by a factor, and its noise."""
+
+    image: NDArray[Any]
+    factor: int
+    noise: float
 
 
 def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]:
@@ -58,130 +81,100 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
     list of Detection
         The strongest evidence first (length of contour seen, times contrast).
     """
-    grey, gain = grey_8bit(image)
-    noise = noise_dn(image)
-    segments, ellipses = edge_drawing(grey, noise * gain)
-    ranked = []
-    for candidate in [*ellipses, *from_segments(segments, grey.shape)]:
-        if plausible(candidate, grey.shape):
-            support, polarity = _evidence(image, candidate)
-            if support >= _MIN_COVERAGE - 0.1:
-                ranked.append((support, polarity, candidate))
-    ranked.sort(key=lambda r: (-round(r[0], 2), -r[2][2], r[2][0], r[2][1]))
-
-    refined = 0
-    tried: list[tuple[float, Array]] = []
-    found: list[EdgePoints] = []
-    for _, polarity, candidate in ranked:
-        if refined >= _MAX_REFINED:
+    image = np.ascontiguousarray(image)
+    first = max(1, math.ceil(math.sqrt(image.size / _MAX_PX)))
+    found: list[_Contour] = []
+    ellipses: list[Array] = []
+    for factor in (first, _COARSE * first, _BETWEEN * first):
+        if factor == _BETWEEN * first and any(c.confidence >= _CONFIDENT for c in found):
             break
-        if any(p == polarity and _alike(candidate, e, 1.0 + 0.05 * float(e[3])) for p, e in tried):
+        if factor > 1 and min(image.shape) < _MIN_SIDE_PX * factor:
             continue
-        tried.append((polarity, candidate))
-        refined += 1
-        edges = edge_points(image, candidate, full_scale_dn)
-        if isinstance(edges, FailedFit) or not _is_circle_image(edges, noise, full_scale_dn):
-            continue
-        if not any(_alike(edges.ellipse, other.ellipse, 0.5) for other in found):
-            found.append(edges)
-            tried.append((float(np.sign(edges.contrast_dn)), edges.ellipse))
+        level = image if factor == 1 else reduced(image, factor)
+        grey, gain = grey_8bit(level)
+        noise = noise_dn(level)
+        segments, own = edge_drawing(grey, noise * gain, with_ellipses=factor == first)
+        ellipses += [enlarged_ellipse(e, factor) for e in own]
+        # EdgeDrawing's ellipses come last, and only where there is nothing like them: the others lie closer.
+        for candidates, near in ((from_segments(segments, grey.shape), 0.05), (own, 0.2)):
+            likely = [c for c in candidates if plausible(c, grey.shape)]
+            _refine(_Level(level, factor, noise), image, likely, near, full_scale_dn, found)
     return _group(found, ellipses)
 
 
-def _evidence(image: NDArray[Any], ellipse: Array) -> tuple[float, float]:
-    """Fraction of the contour with a step of the common polarity, and that polarity (+1: dark inside)."""
-    count = int(np.clip(float(ellipse_perimeter_px(ellipse)), 24, 96))
-    t = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    angle = math.radians(ellipse[4])
-    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    feet = np.stack([ellipse[2] * np.cos(t), ellipse[3] * np.sin(t)], axis=1) @ turn + ellipse[:2]
-    normal = np.stack([np.cos(t) / ellipse[2], np.sin(t) / ellipse[3]], axis=1)
-    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True) @ turn
-    inward = min(2.0, 0.6 * float(ellipse[3]))
-    outer, seen = _pixels(image, feet + 2.0 * normal)
-    inner, seen_too = _pixels(image, feet - inward * normal)
-    seen &= seen_too
-    if np.count_nonzero(seen) < 8:
-        return 0.0, 0.0
-    step = outer - inner
-    middle = float(np.median(step[seen]))
-    agrees = seen & (step * np.sign(middle) > 0.3 * abs(middle))
-    if not np.any(agrees):
-        return 0.0, 0.0
-    # The gradient of a square turns by up to 45 degrees against the normal of its ellipse, a third of it by over 26.
-    right, left, below, above = (
-        _pixels(image, feet + inward * np.array(d))[0] for d in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    )
-    gradient = np.stack([right - left, below - above], axis=1)
-    along = np.sum(gradient * normal, axis=1) * np.sign(middle)
-    aligned = agrees & (along > 0.9 * np.linalg.norm(gradient, axis=1))
-    if np.count_nonzero(aligned) < 0.7 * np.count_nonzero(agrees):
-        return 0.0, 0.0
-    return float(np.mean(agrees)), float(np.sign(middle))
+def _refine(
+    level: _Level,
+    image: NDArray[Any],
+    candidates: list[Array],
+    near: float,
+    full_scale_dn: float,
+    found: list[_Contour],
+) -> None:
+    """Add the candidates that are circles to what is found, each once; `near`, of b, is no other contour."""
+    support, polarity = contour_evidence(level.image, np.array(candidates).reshape(-1, 5))
+    # Length of contour that shows a step; of equals the left one, so that the order is always the same.
+    length = [float(support[i] * (c[2] + c[3])) for i, c in enumerate(candidates)]
+    order = sorted(range(len(candidates)), key=lambda i: (-length[i], candidates[i][0], candidates[i][1]))
+    tried = [(float(np.sign(c.edges.contrast_dn)), c.edges.ellipse) for c in found]
+    failures = 0
+    for i in order:
+        candidate = enlarged_ellipse(candidates[i], level.factor)
+        if failures >= _PATIENCE:
+            break
+        if support[i] < _MIN_SUPPORT or any(
+            p == polarity[i] and _alike(candidate, e, level.factor + near * float(e[3])) for p, e in tried
+        ):
+            continue
+        tried.append((float(polarity[i]), candidate))
+        contour = _measured(level, image, candidates[i], full_scale_dn)
+        failures = 0 if contour else failures + 1
+        if contour and not any(_alike(contour.edges.ellipse, c.edges.ellipse, 0.5 * level.factor) for c in found):
+            found.append(contour)
+            tried.append((float(np.sign(contour.edges.contrast_dn)), contour.edges.ellipse))
 
 
-def _pixels(image: NDArray[Any], points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Bilinear grey levels, and which points lie in the image."""
-    height, width = image.shape
-    x, y = points.T
-    seen = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
-    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
-    x0, y0 = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
-    x1, y1 = np.minimum(x0 + 1, width - 1), np.minimum(y0 + 1, height - 1)
-    fx, fy = x - x0, y - y0
-    top = image[y0, x0] * (1 - fx) + image[y0, x1] * fx
-    return top * (1 - fy) + (image[y1, x0] * (1 - fx) + image[y1, x1] * fx) * fy, seen
+def _measured(level: _Level, image: NDArray[Any], candidate: Array, full_scale_dn: float) -> _Contour | None:
+    """The contour at a candidate of a level: as the whole image shows it, or where it does not, as the level does."""
+    there = _judged(edge_points(level.image, candidate, full_scale_dn), level.noise, full_scale_dn)
+    if there is None or level.factor == 1:
+        return there
+    there = _Contour(enlarged(there.edges, level.factor), there.confidence)
+    here = _judged(edge_points(image, there.edges.ellipse, full_scale_dn), noise_dn(image), full_scale_dn)
+    return here if here and here.confidence >= min(there.confidence, _CONFIDENT) else there
 
 
-def _is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> bool:
-    contrast, b = abs(edges.contrast_dn), float(edges.ellipse[3])
-    if not plausible(edges.ellipse, (10**9, 10**9)) or edges.coverage < _MIN_COVERAGE:
-        return False
-    if contrast < max(_MIN_CONTRAST_DN * min(full_scale_dn / 255.0, 1.0), noise):
-        return False
-    if contrast < 8.0 * noise and edges.coverage < 0.75:  # in strong noise half a contour is found by chance
-        return False
-    # What the model of an ellipse leaves of the pixels beyond their noise; pixels without shades leave more.
-    aliased = edges.blur_px < 0.1 and b >= 4.0 and edges.noise_dn < 0.15 * contrast
-    if not aliased and edges.noise_dn**2 > (1.5 * noise + 1e-3 * full_scale_dn) ** 2 + (0.08 * contrast) ** 2:
-        return False
-    # A square is 5 % of its half side off its best ellipse, a letter O 1 to 1.5 %; lens distortion bends an ellipse by
-    # its quadratic term, 1e-4 b^2 px at the corner of a wide-angle image.
-    # Where the blur reaches across the ellipse the model itself is off by about b^2 over its size.
-    allowed = 0.02 + 0.004 * b + 1.2e-4 * b * b + 0.08 * edges.blur_px**2 / b
-    if aliased and edges.noise_dn > 0.06 * contrast:
-        allowed = max(allowed, 0.26)  # the rounding of an edge to whole pixels
-    expected = float(np.sqrt(np.mean(edges.sigma_px**2))) * min(1.0, 1.5 * noise / max(edges.noise_dn, 1e-9))
-    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(allowed, 1.5 * expected)
+def _judged(edges: EdgePoints | FailedFit, noise: float, full_scale_dn: float) -> _Contour | None:
+    if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn):
+        return None
+    return _Contour(edges, confidence_of(edges, noise, full_scale_dn))
 
 
 def _alike(one: Array, other: Array, tolerance_px: float) -> bool:
     """Whether two ellipses are the same contour: their extreme points lie within the tolerance, wherever they are."""
     if max(abs(one[0] - other[0]), abs(one[1] - other[1])) > tolerance_px:
         return False
-    spread_one, spread_other = _second_moments(one), _second_moments(other)
-    # Half widths in x, y and the diagonals: enough to tell two ellipses of one centre apart.
+    spread_one, spread_other = _half_widths(one), _half_widths(other)
     return bool(np.max(np.abs(spread_one - spread_other)) <= tolerance_px)
 
 
-def _second_moments(ellipse: Array) -> Array:
+def _half_widths(ellipse: Array) -> Array:
+    """In x, y and the diagonals: enough to tell two ellipses of one centre apart."""
     directions = np.radians(np.array([0.0, 45.0, 90.0, 135.0]) - ellipse[4])
     return np.asarray(np.hypot(ellipse[2] * np.cos(directions), ellipse[3] * np.sin(directions)))
 
 
-def _group(found: list[EdgePoints], ellipses: list[Array]) -> list[Detection]:
+def _group(found: list[_Contour], ellipses: list[Array]) -> list[Detection]:
     """Concentric contours become one detection: the outermost is the marker's."""
-    remaining = sorted(found, key=lambda e: -float(e.ellipse[2]))
+    remaining = sorted(found, key=lambda c: -float(c.edges.ellipse[2]))
     out = []
     while remaining:
         outer = remaining.pop(0)
-        inner = [e for e in remaining if _concentric(outer.ellipse, e.ellipse)]
-        remaining = [e for e in remaining if not _concentric(outer.ellipse, e.ellipse)]
-        close = [e for e in ellipses if _alike(e, outer.ellipse, 1.0 + 0.1 * float(outer.ellipse[3]))]
-        own = min(
-            close, key=lambda e: float(np.abs(_second_moments(e) - _second_moments(outer.ellipse)).sum()), default=None
-        )
-        out.append(Detection(outer, inner, own))
+        ellipse = outer.edges.ellipse
+        inner = [c.edges for c in remaining if _concentric(ellipse, c.edges.ellipse)]
+        remaining = [c for c in remaining if not _concentric(ellipse, c.edges.ellipse)]
+        close = [e for e in ellipses if _alike(e, ellipse, 1.0 + 0.1 * float(ellipse[3]))]
+        own = min(close, key=lambda e: float(np.abs(_half_widths(e) - _half_widths(ellipse)).sum()), default=None)
+        out.append(Detection(outer.edges, inner, own, outer.confidence))
     strength = [
         d.edges.coverage * float(d.edges.ellipse[2] + d.edges.ellipse[3]) * abs(d.edges.contrast_dn) for d in out
     ]

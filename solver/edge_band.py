@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.step_response import ellipse_curvature
 from roundel.solver.ellipse import FailedFit
 from roundel.solver.foot_points import foot_points
 
@@ -22,14 +23,32 @@ PLATEAU_PX = 1.5  # what is kept of the flat parts beside the edge, to know the 
 class Band:
     """The pixels around a contour: one entry a pixel."""
 
+    pixel_px: Array  # (N, 2)
     value: Array
     distance: Array
+    normal: Array  # (N, 2) and (N, 2): see `foot_points`
+    u: Array
     half_sum: Array  # (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2: the corners of the pixel's trapezoid
     half_difference: Array
     curvature: Array
+    curvature_ss: Array
     sector: NDArray[np.int64]
     count: int
     expected: Array  # (count,) pixels a sector would have if none lay outside the image
+
+
+_OF_A_PIXEL = (
+    "pixel_px",
+    "value",
+    "distance",
+    "normal",
+    "u",
+    "half_sum",
+    "half_difference",
+    "curvature",
+    "curvature_ss",
+    "sector",
+)
 
 
 def sector_centres(ellipse: Array, count: int) -> tuple[Array, Array]:
@@ -71,19 +90,23 @@ def band_around(image: NDArray[Any], ellipse: Array, limits: tuple[float, float]
     value = image[rows + y0, columns + x0]
     distance, normal, u = foot_points(ellipse, pixels)
     inside = (distance >= inner) & (distance <= outer)
-    distance, normal, u, value = distance[inside], normal[inside], u[inside], value[inside]
+    pixels, distance, normal, u, value = pixels[inside], distance[inside], normal[inside], u[inside], value[inside]
     ux, uy = u[:, 0] * c + u[:, 1] * s, u[:, 1] * c - u[:, 0] * s
-    curvature = 1.0 / (a * a * b * b * ((ux / a) ** 2 + (uy / b) ** 2) ** 1.5)
+    curvature, curvature_ss = ellipse_curvature(a, b, ux, uy)
     knots, lengths = _arc(ellipse)
     arc = np.interp(np.mod(np.arctan2(uy, ux), 2 * np.pi), knots, lengths)
     sector = np.minimum((arc / lengths[-1] * count).astype(np.int64), count - 1)
     nx, ny = np.abs(normal).T
     return Band(
+        pixel_px=pixels,
         value=value.astype(np.float64),
         distance=distance,
+        normal=normal,
+        u=u,
         half_sum=(nx + ny) / 2,
         half_difference=(nx - ny) / 2,
         curvature=curvature,
+        curvature_ss=curvature_ss,
         sector=sector,
         count=count,
         expected=np.full(count, lengths[-1] / count * (outer - inner)),
@@ -94,16 +117,13 @@ def within(band: Band, reach: tuple[float, float]) -> Band:
     """The pixels of a band whose distance lies within `reach`."""
     keep = (band.distance >= reach[0]) & (band.distance <= reach[1])
     span = (reach[1] - reach[0]) / max(float(np.ptp(band.distance)), 1e-9)
-    return Band(
-        band.value[keep],
-        band.distance[keep],
-        band.half_sum[keep],
-        band.half_difference[keep],
-        band.curvature[keep],
-        band.sector[keep],
-        band.count,
-        band.expected * min(span, 1.0),
-    )
+    return replace(kept(band, keep), expected=band.expected * min(span, 1.0))
+
+
+def kept(band: Band, keep: NDArray[np.bool_]) -> Band:
+    """Some of a band's pixels."""
+    index = np.flatnonzero(keep)  # counted once, not for each of the arrays
+    return replace(band, **{name: getattr(band, name).take(index, axis=0) for name in _OF_A_PIXEL})
 
 
 def reach_of(band: Band) -> tuple[float, float] | FailedFit:

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.conic import ellipse_perimeter_px, ellipse_points
+from roundel.scenes.step_response import PIXEL_VARIANCE, curved_distance, step_response
 from roundel.solver.edge_band import MIN_SECTORS, PLATEAU_PX, Band, band_around, reach_of, sector_centres, within
 from roundel.solver.ellipse import FailedFit, fit_ellipse
 from roundel.solver.foot_points import foot_points
-from roundel.solver.step_response import PIXEL_VARIANCE, step_response
 
 Array = NDArray[np.float64]
 
@@ -37,6 +37,7 @@ _FIRST_REACH_PX = 8.0  # how far from a candidate its edge is looked for, and it
 _LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to either side
 _MAX_ROUNDS = 6
 _SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
+_CLOSE_PX = 1.0
 _FIRST_STEPS, _STEPS = 4, 3
 _SATURATED = 254.5 / 255.0  # of the full scale
 _SATURATED_STEPS = 12
@@ -64,6 +65,10 @@ class EdgePoints:
         RMS of what the model leaves of the pixels.
     coverage : float
         Fraction of the contour that has a point.
+    trusted : (S,) array
+        Which of the sectors that the contour was cut into, from its eccentric angle 0 on, have a point.
+    reach_px : (float, float)
+        How far the edge with a little of its plateaus extends inward (negative) and outward.
     """
 
     points_px: Array
@@ -73,9 +78,13 @@ class EdgePoints:
     contrast_dn: float
     noise_dn: float
     coverage: float
+    trusted: NDArray[np.bool_]
+    reach_px: tuple[float, float]
 
 
-def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0) -> EdgePoints | FailedFit:
+def edge_points(
+    image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0, polish: bool = True
+) -> EdgePoints | FailedFit:
     """Find the points of the edge along an approximate ellipse, and the ellipse through them.
 
     Parameters
@@ -86,6 +95,9 @@ def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.
         x_px, y_px, a_px, b_px, angle_deg: within 2 px or so of the contour.
     full_scale_dn : float
         The level at which pixels saturate.
+    polish : bool
+        Repeat until the ellipse moves by less than 0.005 px. Without, it is some 0.05 px off: enough to tell whether
+        there is a contour, and for `fit_pixels` to start from.
 
     Returns
     -------
@@ -106,7 +118,7 @@ def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.
             return FailedFit("no edge with flat sides along the contour")
         limits = (reach[0] - PLATEAU_PX, reach[1] + PLATEAU_PX)
         delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, first)
-        if np.count_nonzero(good) < max(8, 0.4 * count):
+        if np.count_nonzero(good) < max(8, 0.3 * count):
             return FailedFit(f"only {np.count_nonzero(good)} of {count} sectors of the contour show an edge")
         feet, normals = sector_centres(current, count)
         points = (feet + delta[:, None] * normals)[good]
@@ -129,8 +141,13 @@ def edge_points(image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.
         current = fit.ellipse
         if not (np.all(np.isfinite(current)) and current[3] > 1.0):
             return FailedFit("the contour shrinks below one pixel")
-        found = EdgePoints(points, sigma[good], current, math.sqrt(variance), contrast, noise, float(np.mean(good)))
-        if not first and moved < _SETTLED_PX:
+        seen = float(np.mean(good))
+        found = EdgePoints(
+            points, sigma[good], current, math.sqrt(variance), contrast, noise, seen, good, (reach[0], reach[1])
+        )
+        if moved < _SETTLED_PX and not first:
+            break
+        if moved < _CLOSE_PX and not polish:
             break
     assert found is not None
     return found
@@ -164,7 +181,9 @@ def _offsets(
     # Weights of the pixels, derivative by -delta, and the inverse of what a sector knows of it: nothing at first.
     seen, lean, inverse = np.ones_like(value), np.zeros_like(value), np.zeros(count)
     for _ in range(steps):
-        z = band.distance - delta[sector] + (variance + PIXEL_VARIANCE) * band.curvature / 2
+        z, _ = curved_distance(
+            band.distance - delta[sector], band.curvature, band.curvature_ss, variance + PIXEL_VARIANCE
+        )
         t, slope, bend = step_response(z, band.half_sum, band.half_difference, variance)
         # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors;
         # the offset of each sector is eliminated before (Schur complement).

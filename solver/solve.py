@@ -5,7 +5,6 @@ Only images and cameras are opened; the truth stays closed.
 
 from __future__ import annotations
 
-import difflib
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -20,11 +19,14 @@ from roundel.datasets.files import write_file
 from roundel.datasets.images import Images, open_images
 from roundel.scenes.camera import Camera, distorts
 from roundel.scenes.errors import UsageError
+from roundel.solver.assumed_camera import AssumedCamera
 from roundel.solver.choose import Knowledge, check_knowledge
 from roundel.solver.ellipse import EllipseFit, FailedFit
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
-from roundel.solver.intrinsics import Intrinsics, camera_for, parse_intrinsics
-from roundel.solver.locate import METHODS, estimate_of, find, fit_detection, fit_points, grey_levels
+from roundel.solver.fits import DEFAULT_METHOD, Seen, check_methods, fit_detection, fit_points, look_at
+from roundel.solver.image_levels import grey_levels
+from roundel.solver.intrinsics import Intrinsics, assumed_camera_for, parse_intrinsics
+from roundel.solver.pose_estimate import estimate_of
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -39,29 +41,13 @@ class _Frame:
     index: int
     frame_id: int
     diameter_m: float
-    cameras: list[Camera]
-
-
-def check_methods(methods: Sequence[str]) -> None:
-    """Refuse unknown methods.
-
-    Raises
-    ------
-    UsageError
-    """
-    if not methods:
-        raise UsageError(f"no method; use {', '.join(METHODS)}")
-    for name in methods:
-        if name not in METHODS:
-            close = difflib.get_close_matches(name, METHODS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"use {', '.join(METHODS)}"
-            raise UsageError(f"unknown method {name!r}; {hint}")
+    cameras: list[AssumedCamera]
 
 
 def solve_dataset(
     dataset_path: str | Path,
     out_path: str | Path,
-    methods: Sequence[str] = ("ml",),
+    methods: Sequence[str] = (DEFAULT_METHOD,),
     intrinsics: Sequence[str] = ("true",),
     groups: Sequence[str] | None = None,
     knowledge: Knowledge = None,
@@ -79,12 +65,12 @@ def solve_dataset(
     dataset_path, out_path : path
         `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, whole or not at all.
     methods : sequence of str
-        `ml` (orthogonal distances), `direct` (Halir-Flusser on the same points), `edgedrawing` (OpenCV's own ellipse).
+        See `roundel.solver.fits.METHODS`.
     intrinsics : sequence of str
         See `parse_intrinsics`.
     groups : sequence of str, optional
         Only these.
-    knowledge : str, NormalPrior or None
+    knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
     frames : range, optional
         Only these frame_ids.
@@ -117,9 +103,9 @@ def solve_dataset(
         if progress:
             progress(done, len(todo))
         started = time.perf_counter()
-        found, fits = _fits(images, frame, methods)
+        seen, found, fits = _fits(images, frame, methods)
         middle = time.perf_counter()
-        solved = _solve_frame(frame, found, fits, methods, labels, knowledge)
+        solved = _solve_frame(frame, seen, found, fits, methods, labels, knowledge)
         ended = time.perf_counter()
         estimates += solved
         counts["detections"] += found
@@ -163,7 +149,7 @@ def _frames(
         if wanted is not None and frame_id not in wanted:
             continue
         camera = images.camera(i)
-        cameras = [camera_for(spec, camera, camera.width_px, camera.height_px) for spec in specs]
+        cameras = [assumed_camera_for(spec, camera, camera.width_px, camera.height_px) for spec in specs]
         out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
     if not out:
         which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"
@@ -174,27 +160,28 @@ def _frames(
 Fits = dict[tuple[str, int], list[EllipseFit | FailedFit]]
 
 
-def _fits(images: Images, frame: _Frame, methods: list[str]) -> tuple[int, Fits]:
-    """Number of detections, and the fits {(method, camera): one for each detection}.
+def _fits(images: Images, frame: _Frame, methods: list[str]) -> tuple[Seen | None, int, Fits]:
+    """What was seen (nothing in points mode), number of detections, and the fits {(method, camera): one a detection}.
 
     Cameras that undistort alike (none of them distorts, or K and lens model agree) share one fit.
     """
     if images.mode(frame.index) == "points":
         by_marker = images.points(frame.index)
         points = [by_marker[marker_id] for marker_id in sorted(by_marker)]
-        return len(points), _shared(frame, methods, lambda c, m: [fit_points(p, None, c, m) for p in points])
+        return None, len(points), _shared(frame, methods, lambda c, m: [fit_points(p, None, c, m) for p in points])
     levels, saturation_dn = images.linear_image(frame.index)
     grey, full_scale_dn = grey_levels(levels)
-    detections = find(grey, saturation_dn or full_scale_dn)
-    return len(detections), _shared(frame, methods, lambda c, m: [fit_detection(d, c, m) for d in detections])
+    seen = look_at(grey, saturation_dn or full_scale_dn)
+    found = seen.detections
+    return seen, len(found), _shared(frame, methods, lambda c, m: [fit_detection(seen, d, c, m) for d in found])
 
 
 def _shared(frame: _Frame, methods: list[str], fit: Callable[[Camera, str], list[EllipseFit | FailedFit]]) -> Fits:
     made: dict[Any, list[EllipseFit | FailedFit]] = {}
     out: Fits = {}
     for method in methods:
-        for i, camera in enumerate(frame.cameras):
-            lens = None
+        for i, assumed in enumerate(frame.cameras):
+            camera, lens = assumed.camera, None
             if distorts(camera):
                 lens = (tuple(camera.K.ravel().tolist()), camera.distortion_model, camera.distortion)
             if (method, lens) not in made:
@@ -204,14 +191,21 @@ def _shared(frame: _Frame, methods: list[str], fit: Callable[[Camera, str], list
 
 
 def _solve_frame(
-    frame: _Frame, found: int, fits: Fits, methods: list[str], labels: list[str], knowledge: Knowledge
+    frame: _Frame,
+    seen: Seen | None,
+    found: int,
+    fits: Fits,
+    methods: list[str],
+    labels: list[str],
+    knowledge: Knowledge,
 ) -> list[Estimate]:
     out = []
     for method in methods:
-        for i, (label, camera) in enumerate(zip(labels, frame.cameras, strict=True)):
-            if found == 0:
+        for i, label in enumerate(labels):
+            if not found:
                 out.append(Estimate(frame.frame_id, NOT_FOUND, method, label, "failed", "no ellipse found"))
-            for detection_id, fit in enumerate(fits[method, i]):
-                key = (frame.frame_id, detection_id, method, label)
-                out.append(estimate_of(fit, camera, frame.diameter_m, knowledge, key))
+            for n, fit in enumerate(fits[method, i]):
+                key = (frame.frame_id, n, method, label)
+                detection, grey = (None, None) if seen is None else (seen.detections[n], seen.grey)
+                out.append(estimate_of(fit, frame.cameras[i], frame.diameter_m, knowledge, key, detection, grey))
     return out

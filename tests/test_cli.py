@@ -196,3 +196,64 @@ def test_a_bug_is_one_line_too(monkeypatch, capsys) -> None:
     monkeypatch.setattr(verbs, "do_doctor", broken)
     monkeypatch.delenv("ROUNDEL_DEBUG", raising=False)
     refused(capsys, 4, "internal error: ZeroDivisionError: a bug", "doctor")
+
+
+@pytest.fixture(scope="module")
+def photograph(tmp_path_factory) -> Path:
+    """A black disc on white paper, as a phone would save it."""
+    import numpy as np
+    from helpers_images import picture
+    from PIL import Image
+
+    path = tmp_path_factory.mktemp("photograph") / "shot.png"
+    Image.fromarray(np.asarray(picture([((150.0, 110.0, 40.0, 31.0, 20.0), 30)], 320, 240, blur_px=0.8))).save(path)
+    return path
+
+
+def test_photographs_from_the_command(photograph: Path, tmp_path: Path, capsys) -> None:
+    code, out, _ = call(capsys, "solve", photograph, tmp_path / "o", "--diameter-m", "0.08", "--knowledge", "wall:5")
+    assert code == 0
+    assert "1 circle at" in out
+    assert "default phone model: 29.95 mm" in out
+    assert {p.name for p in (tmp_path / "o").iterdir()} == {"estimates.parquet", "estimates.json", "overlays"}
+    cut = tmp_path / "cut.png"
+    cut.write_bytes(photograph.read_bytes()[:500])
+    code, out, err = call(capsys, "solve", cut, photograph, tmp_path / "o2", "--diameter-m", "0.08")
+    assert code == 4
+    assert "1 circle at" in out
+    assert [line for line in err.splitlines() if "cut.png" in line and "truncated" in line]
+
+
+def test_wrong_arguments_about_photographs(photograph: Path, finished: Path, tmp_path: Path, capsys) -> None:
+    dataset, out = finished / "out" / "dataset", tmp_path / "o"
+    refused(capsys, 2, "need --diameter-m", "solve", photograph, out)
+    refused(capsys, 2, "positive number", "solve", photograph, out, "--diameter-m", "-1")
+    refused(
+        capsys,
+        2,
+        "a photograph's camera is not known",
+        "solve",
+        photograph,
+        out,
+        "--diameter-m",
+        1,
+        "--intrinsics",
+        "true",
+    )
+    refused(capsys, 2, "it is a file", "solve", photograph, photograph, "--diameter-m", 1)
+    refused(capsys, 2, "leave it out", "solve", dataset, out, "--diameter-m", 1)
+    refused(capsys, 2, "one dataset alone", "solve", dataset, photograph, out, "--diameter-m", 1)
+    refused(capsys, 2, "name them, as", "solve", photograph.parent, out, "--diameter-m", 1)
+    refused(capsys, 2, "did you mean wall", "solve", photograph, out, "--diameter-m", 1, "--knowledge", "wal")
+    assert not out.exists()
+
+
+def test_a_marker_from_the_command(tmp_path: Path, capsys) -> None:
+    code, out, _ = call(
+        capsys, "marker", "ring", tmp_path / "m.pdf", "--diameter-m", 0.08, "--set", "inner_diameter_m=0.05"
+    )
+    assert code == 0
+    assert "print it at 100 %" in out
+    assert (tmp_path / "m.pdf").read_bytes().startswith(b"%PDF")
+    refused(capsys, 2, "did you mean disc", "marker", "disk", tmp_path / "m.pdf")
+    refused(capsys, 2, "more than a4 holds", "marker", "disc", tmp_path / "m.pdf", "--diameter-m", 0.5)

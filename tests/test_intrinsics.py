@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
 
 from roundel.scenes.camera import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
-from roundel.solver.intrinsics import camera_for, focal_px_of, parse_intrinsics
+from roundel.solver.exif import ExifTags
+from roundel.solver.intrinsics import assumed_camera_for, camera_for, focal_px_of, parse_intrinsics
 
 K = np.array([[1280.0, 2.0, 600.0], [0.0, 1290.0, 350.0], [0.0, 0.0, 1.0]])
 CAMERA = Camera(1280, 720, K, (0.1, 0.0, 0.0, 0.0), focal_35mm_mm=28.0)
@@ -77,6 +79,78 @@ def test_calibrated(tmp_path):
             parse_intrinsics(f"calibrated:{broken}")
 
 
+def assumed(text, camera=CAMERA, size=(1280, 720), exif=None):
+    return assumed_camera_for(parse_intrinsics(text), camera, *size, exif)
+
+
+@pytest.mark.parametrize(
+    ("text", "focal_px", "sigma_px"),
+    [("default", 1016.6, 117), ("default:width", 1064.9, 122), ("default:crop43", 1107.6, 127)],
+)
+def test_three_conventions_of_the_default(text, focal_px, sigma_px):
+    # Errata, section 4; the last sigma is 11.5 % of its focal length.
+    one = assumed(text)
+    assert one.camera.K[0, 0] == pytest.approx(focal_px, abs=0.05)
+    assert one.focal_sigma * focal_px == pytest.approx(sigma_px, abs=0.6)
+    assert one.focal_sigma == pytest.approx(0.115, abs=5e-5)
+    assert one.principal_sigma_px == 12.8
+    assert one.basis.startswith("default phone model: 29.95 mm (35-mm equivalent, by ")
+    assert one.basis.endswith("+- 11.5 %")
+
+
+def test_the_crop_makes_no_difference_to_a_whole_sensor():
+    for size in ((1280, 960), (960, 1280), (1000, 1000)):
+        assert assumed("default:crop43", size=size).camera.K[0, 0] == pytest.approx(
+            assumed("default", size=size).camera.K[0, 0]
+        )
+
+
+def test_what_is_exact_has_no_spread(tmp_path):
+    file = tmp_path / "bench.json"
+    file.write_text(json.dumps(camera_to_json(CAMERA)))
+    for text in ("true", "scaled:0.7", f"calibrated:{file}"):
+        one = assumed(text)
+        assert (one.focal_sigma, one.principal_sigma_px) == (0.0, 0.0)
+        assert str(tmp_path) not in one.basis
+    assert assumed(f"calibrated:{file}").basis == "calibrated camera bench, taken as exact"
+
+
+@pytest.mark.parametrize(
+    ("text", "label", "focal_px", "sigma"),
+    [
+        ("focal:3100", "focal:3100", 3100.0, 0.0),
+        ("focal:3100px+-62", "focal:3100+-62", 3100.0, 0.02),
+        ("focal: 3100 +- 2%", "focal:3100+-2%", 3100.0, 0.02),
+        ("focal:3100±2%", "focal:3100+-2%", 3100.0, 0.02),
+        ("focal35:26+-1.3", "focal35:26+-1.3", 26 * math.hypot(1280, 720) / math.hypot(36, 24), 0.05),
+    ],
+)
+def test_a_focal_length_of_the_users(text, label, focal_px, sigma):
+    assert parse_intrinsics(text).label == label
+    assert parse_intrinsics(label).label == label
+    one = assumed(text, camera=None)
+    assert one.camera.K[0, 0] == pytest.approx(focal_px)
+    assert one.focal_sigma == pytest.approx(sigma)
+    assert one.principal_sigma_px == 12.8
+    assert ("taken as exact" in one.basis) == (sigma == 0)
+
+
+def test_exif_of_a_photograph():
+    one = assumed("exif", camera=None, size=(3024, 4032), exif=ExifTags(focal_35mm_mm=26.0))
+    assert one.camera.K[0, 0] == pytest.approx(26 * 5040 / math.hypot(36, 24))
+    assert (one.camera.K[0, 2], one.camera.K[1, 2]) == (1511.5, 2015.5)
+    assert one.focal_sigma == pytest.approx(0.0229, abs=1e-4)
+    with pytest.raises(UsageError, match=r"exif: its EXIF has no 35-mm .*; use default, or focal35:MM"):
+        assumed("exif", camera=None, exif=ExifTags())
+
+
+def test_a_calibration_of_the_image_before_it_was_turned(tmp_path):
+    file = tmp_path / "bench.json"
+    file.write_text(json.dumps(camera_to_json(CAMERA)))
+    with pytest.raises(UsageError, match="turned upright"):
+        assumed(f"calibrated:{file}", size=(720, 1280))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -93,6 +167,14 @@ def test_calibrated(tmp_path):
         ("scaled:-1", "positive number"),
         ("scaled:nan", "positive number"),
         ("scaled:inf", "positive number"),
+        ("default:crop", "did you mean default:crop43"),
+        ("focal", "positive focal length in px, as focal:3100"),
+        ("focal:-1", "positive focal length"),
+        ("focal:3100+-", "standard deviation, in px or %"),
+        ("focal:3100+-x", "standard deviation"),
+        ("focal:3100+-2000", "at most half of it"),
+        ("focal35:26+-80%", "at most half of it, as focal35:26"),
+        ("focal35:nan", "positive focal length in mm"),
         ("calibrated", "name the camera file"),
         ("calibrated:/no/such/file.json", "no such file"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from roundel.render.run import render_study
+from roundel.solver.photo_report import line_of
+from roundel.solver.photographs import solve_photographs
 
 HERE = Path(__file__).parent
 TRUTH = (0, 190, 160)
@@ -43,6 +46,25 @@ def hero(folder: Path) -> None:
     picture.save(HERE / "hero.png", optimize=True)
 
 
+def photograph(folder: Path) -> None:
+    """A rendered frame as a phone would save it, solved as a photograph: its overlay."""
+    dataset = render_study(HERE / "photograph.yaml", folder / "photograph")
+    assert dataset is not None
+    row = dataset.truth.to_pylist()[0]
+    shot = Image.open(dataset.path / "images" / "000000.jpg")
+    camera = dataset.images.camera(0)
+    focal_35mm_mm = camera.K[0, 0] * np.hypot(36, 24) / np.hypot(camera.width_px, camera.height_px)
+    exif = Image.Exif()
+    exif.get_ifd(0x8769).update({0xA405: round(focal_35mm_mm), 0xA002: shot.width, 0xA003: shot.height})
+    shot.save(folder / "IMG_0042.jpg", quality="keep", exif=exif)
+    (result,) = solve_photographs([folder / "IMG_0042.jpg"], folder / "solved", 0.08)
+    # docs/photographs.md quotes these two lines.
+    sys.stdout.write(line_of(result).removeprefix(f"{folder}/") + "\n")
+    sys.stdout.write(f"the truth: {row['distance_m']:.3f} m, tilt {row['tilt_deg']:.1f} deg\n")
+    Image.open(folder / "solved" / result.overlay).save(HERE / "photograph.png", optimize=True)
+
+
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         hero(Path(name))
+        photograph(Path(name))

@@ -1,0 +1,85 @@
+"""What the verbs do that deal with the world outside: photographs, and markers on paper."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from roundel.cli.progress import progress
+from roundel.scenes.errors import UsageError
+
+_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
+
+
+def are_photographs(inputs: list[str]) -> bool:
+    """Whether the inputs of `solve` are image files; a single folder is a dataset.
+
+    Raises
+    ------
+    UsageError
+        If they are of both kinds, several datasets, or a folder of photographs.
+    """
+    folders = [text for text in inputs if Path(text).is_dir()]
+    if folders and len(inputs) > 1:
+        raise UsageError(f"{folders[0]}: it is a folder; give one dataset alone, or name the photographs in it")
+    if folders and not (Path(folders[0]) / "manifest.json").exists():
+        image = next((p for p in sorted(Path(folders[0]).iterdir()) if p.suffix.lower() in _SUFFIXES), None)
+        if image is not None:
+            raise UsageError(f"{folders[0]}: no dataset, but a folder with images; name them, as {image}")
+    # A name that is not there: with an ending it was meant for a file.
+    return not folders and (len(inputs) > 1 or Path(inputs[0]).is_file() or bool(Path(inputs[0]).suffix))
+
+
+def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
+    """Estimate poses from photographs; 4 if one of them could not be solved."""
+    from roundel.solver.fits import DEFAULT_METHOD
+    from roundel.solver.photo_report import line_of
+    from roundel.solver.photographs import solve_photographs
+
+    out = Path(arguments.out)
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: it is a file; the last argument is the folder to write to")
+    if arguments.group:
+        raise UsageError("--group: photographs have no groups")
+    if arguments.diameter_m is None:
+        raise UsageError("photographs need --diameter-m, the outer diameter of the printed circle, as in 0.08")
+    with progress("solve") as show:
+        results = solve_photographs(
+            arguments.inputs,
+            out,
+            arguments.diameter_m,
+            methods=tuple(arguments.method or [DEFAULT_METHOD]),
+            intrinsics=arguments.intrinsics,
+            knowledge=knowledge,
+            linear=arguments.linear,
+            progress=show,
+        )
+    failed = 0
+    for result in results:
+        if result.status == "failed":
+            failed += 1
+            print(f"roundel: {line_of(result)}", file=sys.stderr)
+        else:
+            print(line_of(result))
+    found = sum(result.found for result in results)
+    counts = f"{_some(len(results), 'photograph')}, {_some(found, 'circle')}, {failed} failed"
+    print(f"{out}: {counts}; look at overlays/, estimates.json has the numbers")
+    return 4 if failed else 0
+
+
+def _some(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def print_marker(arguments: argparse.Namespace) -> int:
+    """Write a marker to scale."""
+    from roundel.render import paper
+    from roundel.render.print_kinds import marker_to_print, parse_set
+
+    section = marker_to_print(arguments.kind, arguments.diameter_m, parse_set(arguments.set or []))
+    page = paper.print_marker(section, arguments.out, arguments.paper)
+    turned = ", landscape" if page.width_mm > page.height_mm else ""
+    print(f"{arguments.out}: {arguments.paper}{turned}; print it at 100 % and measure its ruler: {paper.RULER_MM:g} mm")
+    return 0

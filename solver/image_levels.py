@@ -1,0 +1,51 @@
+"""Any array that is an image, as grey levels with the level at which its pixels saturate."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LARGEST_LEVEL = 1e9  # beyond, squares and cubes of grey levels leave float32
+
+
+def grey_levels(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
+    """Grey levels (H, W), and the level at which pixels saturate.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        See `locate`.
+
+    Raises
+    ------
+    ValueError
+        If it is no image: another shape, no pixels, neither integers nor real numbers, or not all of them finite.
+    """
+    pixels = np.asarray(image)
+    if pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] not in (1, 3, 4)) or pixels.size == 0:
+        raise ValueError(
+            f"an image is (H, W) or (H, W, C) with 1, 3 or 4 channels; this array has shape {pixels.shape}"
+        )
+    if pixels.dtype == np.bool_:
+        pixels = pixels.astype(np.uint8) * np.uint8(255)
+    integers = pixels.dtype.kind in "iu"
+    if not integers and pixels.dtype.kind != "f":
+        raise ValueError(f"an image holds integers or real numbers, not {pixels.dtype}")
+    low, largest = float(np.min(pixels)), float(np.max(pixels))
+    if not (math.isfinite(low) and math.isfinite(largest)):
+        raise ValueError("the image holds numbers that are not finite")
+    if integers and pixels.dtype.itemsize <= 2:
+        full_scale = float(np.iinfo(pixels.dtype).max)
+    else:
+        # Real numbers, and integers wider than any sensor's, do not say where they saturate: at 1 or at the limit of
+        # fewer bits, whichever holds them.
+        full_scale = next(v for v in (1.0, 255.0, 65535.0, largest) if v >= largest)
+        pixels = pixels.astype(np.float64 if integers or pixels.dtype.itemsize > 4 else np.float32, copy=False)
+        if max(-low, largest) > _LARGEST_LEVEL:
+            pixels, full_scale = pixels / pixels.dtype.type(max(-low, largest)), 1.0
+    if pixels.ndim == 3:
+        pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3].mean(axis=2, dtype=np.float32)
+    return pixels, full_scale

@@ -1,0 +1,155 @@
+"""What the pixels along a contour should show, and how that changes with ellipse, blur and grey levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera import Camera
+from roundel.scenes.step_response import PIXEL_VARIANCE, curved_distance, step_response
+from roundel.solver.band_pixels import BandPixels
+from roundel.solver.disc_blur import disc_minus_gauss
+from roundel.solver.edge_band import Band
+from roundel.solver.grey_levels import Plateau
+
+Array = NDArray[np.float64]
+
+_MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
+_DISC_VARIANCE = 0.1  # a blur so far below the pixel's shows no shape of its own
+# How much of a disc the blur has, from Gaussian (0) to circle of confusion (1); smears lie a little beyond.
+_DISC, _DISC_SIGMA, _DISC_LIMITS = 0.0, 1.0, (-1.0, 1.5)
+# A tilted plane is out of focus by more on one side: the radius changes linearly across it, usually by a few per cent.
+_GRADIENT = 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What stays as it is: the functions of the levels at the edge's pixels, the plateaus beside it, the lens."""
+
+    basis: Array
+    basis_slope: Array  # along the normal, 1/px
+    place: Array  # (N, 2) from the centre, in semi-major axes
+    inside: Plateau
+    outside: Plateau
+    lens: Camera | None
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Parameters: shape where distances were computed, its change since, blur, levels (2, k)."""
+
+    theta: Array
+    change: Array
+    variance: float
+    disc: float
+    gradient: Array  # (2,) of the variance, by place
+    levels: Array
+
+    def moved(self, step: Array) -> State:
+        """After a step (9 + 2 k,), the blur kept within bounds."""
+        variance = float(np.clip(self.variance + step[5], max(self.variance / 4, _MIN_VARIANCE), self.variance * 4))
+        disc = float(np.clip(self.disc + step[6], *_DISC_LIMITS))
+        gradient = np.clip(self.gradient + step[7:9], -variance / 2, variance / 2)
+        levels = self.levels + step[9:].reshape(2, -1)
+        return State(self.theta, self.change + step[:5], variance, disc, gradient, levels)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Prediction at the present parameters: what remains of each pixel, and its derivatives."""
+
+    residual: Array
+    design: Array  # (N, 9 + 2 k): shape, blur's variance, shape and gradient, levels inside, levels outside
+    response: Array
+    slope_dn: Array  # of the prediction by the distance, dn/px
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Step response of pixels.
+
+    Attributes
+    ----------
+    value : (N,) array
+    slope, widening, change : (N,) arrays
+        Derivatives by the distance, the blur's variance and its share of a disc.
+    moment : (N,) array
+        Where the step grows by g a pixel along the normal, the response grows by g times this: light comes to a pixel
+        from where it fell. The integral of u p(u) beyond the edge, for a Gaussian variance times density.
+    """
+
+    value: Array
+    slope: Array
+    widening: Array
+    change: Array
+    moment: Array
+
+
+def response_of(band: Band, distance: Array, variance: float, disc: float) -> Response:
+    """Step response of a band's pixels, at distances that may differ from the band's own."""
+    total = variance + PIXEL_VARIANCE
+    z, drift = curved_distance(distance, band.curvature, band.curvature_ss, total)
+    response, slope, bend = step_response(z, band.half_sum, band.half_difference, variance)
+    widening, change = bend / 2, np.zeros_like(z)
+    moment = total * slope
+    if variance > _DISC_VARIANCE:
+        difference = disc_minus_gauss(z, band.curvature, variance)
+        change = difference.change
+        response += disc * change
+        slope += disc * difference.slope
+        widening += disc * difference.widening
+        moment += disc * difference.moment
+    widening += slope * drift
+    slope *= 1.0 - band.curvature**2 * total / 4
+    return Response(response, slope, widening, change, moment)
+
+
+def predict(pixels: BandPixels, state: State, scene: Scene) -> Step:
+    """What remains of the edge's pixels at the present parameters, and the derivatives."""
+    distance = pixels.band.distance + pixels.jacobian @ state.change
+    response = response_of(pixels.band, distance, state.variance, state.disc)
+    height = scene.basis @ (state.levels[1] - state.levels[0])
+    k = scene.basis.shape[1]
+    slope_dn = height * response.slope
+    design = np.empty((len(height), 9 + 2 * k))
+    np.multiply(pixels.jacobian, slope_dn[:, None], out=design[:, :5])
+    design[:, 5] = height * response.widening
+    design[:, 6] = height * response.change
+    np.multiply(scene.place, design[:, 5:6], out=design[:, 7:9])
+    outer = design[:, 9 + k :]
+    np.multiply(scene.basis, response.value[:, None], out=outer)
+    outer += scene.basis_slope * response.moment[:, None]
+    np.subtract(scene.basis, outer, out=design[:, 9 : 9 + k])
+    residual = pixels.band.value - design[:, 9:] @ state.levels.ravel() - design[:, 7:9] @ state.gradient
+    return Step(residual, design, np.clip(response.value, 0.0, 1.0), slope_dn)
+
+
+def gauss_newton(
+    step: Step, weight: Array, scene: Scene, state: State, noise: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Inverse of the normal matrix, and the step; not finite where the pixels do not determine it."""
+    weighted = step.design * weight[:, None]
+    normal, gradient = step.design.T @ weighted, weighted.T @ step.residual
+    # Where the blur is small the pixels do not tell its shape: it then is a Gaussian.
+    normal[6, 6] += _DISC_SIGMA**-2
+    gradient[6] -= (state.disc - _DISC) * _DISC_SIGMA**-2
+    tight = (_GRADIENT * max(state.variance, _DISC_VARIANCE)) ** -2
+    normal[7, 7] += tight
+    normal[8, 8] += tight
+    gradient[7:9] -= state.gradient * tight
+    k = scene.basis.shape[1]
+    for i, plateau in enumerate((scene.inside, scene.outside)):
+        part = slice(9 + i * k, 9 + (i + 1) * k)
+        normal[part, part] += plateau.basis.T @ plateau.basis / noise[i]
+        gradient[part] += plateau.basis.T @ plateau.residual(state.levels[i]) / noise[i]
+    diagonal = np.diag(normal)
+    if not (np.all(np.isfinite(diagonal)) and np.all(diagonal > 0)):
+        return normal, np.full(len(normal), np.nan)
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        inverse = np.linalg.inv(normal * scale[:, None] * scale) * scale[:, None] * scale
+    except np.linalg.LinAlgError:
+        return normal, np.full(len(normal), np.nan)
+    return inverse, inverse @ gradient
