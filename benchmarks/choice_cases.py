@@ -41,15 +41,11 @@ KINDS = (
     "normal_and_side_default",
 )
 MARKS = (
-    "centre_dot",
     "centre_dot_default",
-    "centre_dot_far",
-    "inner_ring",
+    "centre_dot_far_default",
     "inner_ring_default",
     "inner_ring_far_default",
-    "tick",
-    "tick_far_default",
-    "pattern",
+    "tick_default",
     "pattern_far_default",
 )
 
@@ -236,7 +232,7 @@ PATTERNS = {tick: pattern_of(tick), patches: pattern_of(patches)}
 
 
 def printed(reflectance: Any, pose: Array, k: Array, corner: Array, size: int) -> Array:
-    """Mean reflectance (size, size) of each pixel: 89 points of a Fibonacci lattice, through the true pose and camera."""
+    """Mean reflectance (size, size) of each pixel, by 89 points of a Fibonacci lattice; true pose and camera."""
     n, c = pose[:3, 2], pose[:3, 3]
     v, u = np.mgrid[:size, :size] + corner[::-1, None, None]
     total = np.zeros((size, size))

@@ -112,7 +112,7 @@ def rendered(names: list[str], folder: Path) -> dict[str, tuple[Frame, NDArray[n
     return out
 
 
-def levels_and_noise(frame: Frame, radiance: NDArray[Any], ellipse: Array) -> tuple[Array, Array, float]:
+def levels_and_noise(frame: Frame, radiance: NDArray[Any], ellipse: Array, ring: bool) -> tuple[Array, Array, float]:
     """Grey levels and noise inside and outside next to the edge, and where the image saturates."""
     developed = develop(frame, radiance)
     y, x = np.mgrid[: radiance.shape[0], : radiance.shape[1]]
@@ -122,8 +122,8 @@ def levels_and_noise(frame: Frame, radiance: NDArray[Any], ellipse: Array) -> tu
     sheet = developed.sheet
     mean = radiance * developed.exposure_e * sheet.gain_dn_per_e + sheet.black_level_dn
     noise = developed.noise_dn(radiance)
-    # The plateaus of a blurred edge begin beyond the blur.
-    inner = radius <= max(float(np.quantile(radius[radius < 1], 0.1)), 0.3)
+    # The plateaus of a blurred edge begin beyond the blur; a ring's hole ends at 0.375.
+    inner = (radius > 0.63) & (radius < 0.74) if ring else radius < 0.35
     outer = (radius > 1.6) & (radius < 1.8)
     levels = np.array([np.median(mean[inner]), np.median(mean[outer])])
     return (
@@ -137,10 +137,10 @@ def score_case(
     name: str, frame: Frame, radiance: NDArray[np.float32], copies: int
 ) -> tuple[dict[str, Score], float, float]:
     """Scores by method, the bound of the axes in px and that of the normal in degrees."""
-    _, _, part, _ = CASES[name]
+    _, _, part, kind = CASES[name]
     pose, k = frame.camera_from_sheet, frame.camera.K
     truth = ellipse_of_conic(conic_of_circle(pose, RADIUS_M, k))
-    levels, noise, full = levels_and_noise(frame, radiance, truth)
+    levels, noise, full = levels_and_noise(frame, radiance, truth, kind == "ring")
     blur_px = truth[3] / part if part else 0.0
     information = shape_information_of_pixels(truth, levels[0], levels[1], blur_px, (noise[0], noise[1]))
     bound = np.sqrt(np.diag(np.linalg.inv(information)))

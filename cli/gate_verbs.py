@@ -9,7 +9,7 @@ from pathlib import Path
 from roundel.scenes.errors import DataError
 
 
-def do_gate(arguments: argparse.Namespace) -> int:
+def compare(arguments: argparse.Namespace) -> int:
     """Compare a report with a baseline; 1 when it is worse."""
     from roundel.datasets.files import write_file
     from roundel.validate.baseline import baseline_of_report, read_baseline
@@ -27,7 +27,7 @@ def do_gate(arguments: argparse.Namespace) -> int:
     return 0 if result.passed else 1
 
 
-def do_baseline(arguments: argparse.Namespace) -> int:
+def accept_baseline(arguments: argparse.Namespace) -> int:
     """Make the scores of a report the baseline."""
     from roundel.validate.baseline import accept
 

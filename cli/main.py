@@ -102,6 +102,7 @@ def build_parser() -> argparse.ArgumentParser:
     solve.add_argument(
         "--linear", action="store_true", help="photographs whose pixels are proportional to light (default: sRGB)"
     )
+    solve.add_argument("--frames", type=_frames, metavar="A:B", help="only these frames of a dataset")
     solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; may repeat")
     solve.add_argument(
         "--knowledge",
@@ -120,6 +121,17 @@ def build_parser() -> argparse.ArgumentParser:
     validate.add_argument(
         "--camera", metavar="FILE", help="calibrated camera, for the pose of a chessboard beside the marker"
     )
+
+    gate = verb("gate", "compare a report with a baseline; ends with 1 when it is worse")
+    gate.add_argument("report", metavar="REPORT")
+    gate.add_argument("--baseline", required=True, metavar="FILE")
+    gate.add_argument("--junit", metavar="FILE", help="write the checks as JUnit XML, too")
+
+    baseline = verb("baseline", "accept the scores of a report as the baseline of later ones")
+    baseline.add_argument("action", choices=("accept",))
+    baseline.add_argument("report", metavar="REPORT")
+    baseline.add_argument("--baseline", required=True, metavar="FILE")
+    baseline.add_argument("--reason", required=True, metavar="TEXT", help="why these scores are right; kept in it")
 
     run = verb("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
     run.add_argument("study", metavar="STUDY")

@@ -39,10 +39,12 @@ def _study(path: str) -> Any:
     from roundel.scenes.study import load_study
     from roundel.solver.fits import check_methods
     from roundel.solver.intrinsics import parse_intrinsics
+    from roundel.solver.knowledge_words import parse_knowledge
 
     study = load_study(path)
     try:
         check_methods(study.solve.methods)
+        parse_knowledge(study.solve.knowledge)
         for label in study.solve.intrinsics:
             if label != "calibrated":
                 parse_intrinsics(label)
@@ -143,9 +145,10 @@ def do_solve(arguments: argparse.Namespace) -> int:
         counts = solve_dataset(
             dataset,
             Path(arguments.out),
-            methods=tuple(arguments.method or wanted.get("methods", ["ml"])),
+            methods=tuple(arguments.method or wanted.get("methods", ["pixels"])),
             intrinsics=tuple(intrinsics or ["true"]),
             groups=chosen,
+            frames=arguments.frames,
             knowledge=_knowledge(arguments.knowledge or wanted.get("knowledge")),
             progress=show,
         )
@@ -248,6 +251,20 @@ def _calibration_line(record: dict[str, Any]) -> str:
     from roundel.validate.camera_errors import calibration_lines
 
     return "\n".join(calibration_lines(record))
+
+
+def do_gate(arguments: argparse.Namespace) -> int:
+    """Compare a report with a baseline."""
+    from roundel.cli.gate_verbs import compare
+
+    return compare(arguments)
+
+
+def do_baseline(arguments: argparse.Namespace) -> int:
+    """Accept a baseline."""
+    from roundel.cli.gate_verbs import accept_baseline
+
+    return accept_baseline(arguments)
 
 
 def do_marker(arguments: argparse.Namespace) -> int:

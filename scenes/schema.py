@@ -122,10 +122,10 @@ class SolveSection(Section):
     """What `roundel run` asks of the solver."""
 
     groups: list[str] | None = None
-    methods: list[str] = Field(default=["ml"], min_length=1)
+    methods: list[str] = Field(default=["pixels"], min_length=1)
     intrinsics: list[str] = Field(default=["true"], min_length=1)
     calibrate_from: str | None = Field(default=None, description="a group of chessboards, for `calibrated`")
-    knowledge: Literal["none", "same_side", "opposite_side"] = "none"
+    knowledge: str = Field(default="none", description="as `roundel solve --knowledge`: same_side, floor, circle:0.5")
 
 
 class ValidateSection(Section):

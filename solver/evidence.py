@@ -12,8 +12,8 @@ Array = NDArray[np.float64]
 _SAMPLES = 48
 _OUTWARD_PX = 2.0
 _LEAST_STEP = 0.2  # of a strong step: light may be uneven along a contour
-# The gradient of a square turns by up to 45 degrees against the normal of its ellipse, a third of it by over 26.
-_ALIGNED = 0.9
+# The gradient of a square turns by up to 45 degrees against the normal of its ellipse, half of it by over 23.
+_ALIGNED = 0.92
 _LEAST_ALIGNED = 0.7
 
 

@@ -103,7 +103,7 @@ class MeasuredCentre:
 def fit_centre(
     image: NDArray[Any], camera: Camera, ellipse: Array, inside_px: float, outside_px: float, blur_px: float
 ) -> MeasuredCentre | FailedFit:
-    """Where a filled ellipse of known shape lies: its place, scale, two grey levels and a slope of the light are fitted.
+    """Where a filled ellipse of known shape lies: place, scale, two grey levels and a slope of the light are fitted.
 
     The model is symmetric about the centre, and so is the image of a dot under any symmetric blur: a wrong blur or size
     then widens the residual and does not shift the centre.

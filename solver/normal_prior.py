@@ -46,19 +46,18 @@ class NormalPrior:
 
     def verdict(self, sighting: Sighting) -> Verdict:
         """Density of the prior at each candidate, spread by the candidate's covariance."""
-        mean = np.asarray(self.normal, dtype=np.float64)
-        mean = mean / math.sqrt(float(mean @ mean))
-        own = _normal_cov(sighting)
+        mean = _unit(self.normal)
+        s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
-        for n, cov in zip(sighting.normal, own, strict=True):
-            cosine = float(n @ mean)
-            across = mean - cosine * n
-            sine = math.sqrt(float(across @ across))
-            angle = math.atan2(sine, cosine)
-            u = across / sine if sine > 0 else _across(n)
-            v = np.cross(n, u)
-            s2 = math.radians(self.spread_deg) ** 2
-            uu, uv, vv = s2 + float(u @ cov @ u), float(u @ cov @ v), s2 + float(v @ cov @ v)
+        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+            across = _cross(n, mean)
+            sine = math.sqrt(_dot(across, across))
+            angle = math.atan2(sine, _dot(n, mean))
+            # u from the candidate toward the prior, in the candidate's tangent plane, v across it.
+            v = [x / sine for x in across] if sine > 1e-12 else _unit(_cross(n, _least(n)))
+            u = _cross(v, n)
+            cu = [_dot(row, u) for row in cov]
+            uu, uv, vv = s2 + _dot(u, cu), _dot(v, cu), s2 + _dot(v, [_dot(row, v) for row in cov])
             determinant = uu * vv - uv * uv
             far.append(angle * angle * vv / determinant)
             log.append(-0.5 * far[-1] - 0.5 * math.log(determinant) - math.log(2.0 * math.pi))
@@ -92,27 +91,22 @@ class GreatCirclePrior:
 
     def verdict(self, sighting: Sighting) -> Verdict:
         """As `NormalPrior.verdict`; along the great circle the density is even."""
-        axis = np.asarray(self.axis, dtype=np.float64)
-        axis = axis / math.sqrt(float(axis @ axis))
-        own = _normal_cov(sighting)
+        axis = _unit(self.axis)
+        toward = None if self.toward is None else _unit(self.toward)
+        length = 2.0 * math.pi if toward is None else math.pi  # of the circle, or of its half
         s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
-        for n, cov in zip(sighting.normal, own, strict=True):
-            angle = math.asin(max(-1.0, min(1.0, float(n @ axis))))
-            variance = s2 + float(axis @ cov @ axis)
-            value = -0.5 * math.log(2.0 * math.pi * variance) - math.log(
-                math.pi if self.toward is not None else 2 * math.pi
-            )
+        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+            angle = math.asin(max(-1.0, min(1.0, _dot(n, axis))))
+            variance = s2 + _dot(axis, [_dot(row, axis) for row in cov])
             distance = angle * angle / variance
-            if self.toward is not None:
-                t = np.asarray(self.toward, dtype=np.float64)
-                t = t / math.sqrt(float(t @ t))
-                z = float(n @ t) / math.sqrt(s2 + float(t @ cov @ t))
-                side = max(0.5 * math.erfc(-z / math.sqrt(2.0)), 1e-300)
-                value += math.log(side)
+            value = -0.5 * distance - 0.5 * math.log(2.0 * math.pi * variance) - math.log(length)
+            if toward is not None:
+                z = _dot(n, toward) / math.sqrt(s2 + _dot(toward, [_dot(row, toward) for row in cov]))
+                value += math.log(max(0.5 * math.erfc(-z / math.sqrt(2.0)), 1e-300))
                 distance += min(z, 0.0) ** 2
             far.append(distance)
-            log.append(value - 0.5 * angle * angle / variance)
+            log.append(value)
             angles.append(abs(math.degrees(angle)))
         return _weigh(log, far, f"{self.source} (+-{self.spread_deg:g} deg)", angles, "out of it")
 
@@ -124,26 +118,45 @@ def _problem(vector: ArrayLike, spread_deg: float) -> str:
     return ""
 
 
-def _across(n: Array) -> Array:
-    smallest = np.zeros(3)
-    smallest[int(np.argmin(np.abs(n)))] = 1.0
-    u = np.cross(n, smallest)
-    return np.asarray(u / np.linalg.norm(u))
+# Plain numbers: an array operation on three of them takes as long as all of a verdict, and every detection asks.
+def _dot(a: list[float], b: list[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _normal_cov(sighting: Sighting) -> Array:
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _unit(vector: ArrayLike) -> list[float]:
+    x, y, z = (float(v) for v in np.asarray(vector).tolist())
+    length = math.hypot(x, y, z)
+    return [x / length, y / length, z / length]
+
+
+def _least(n: list[float]) -> list[float]:
+    """The axis of the frame that is farthest from n."""
+    i = min(range(3), key=lambda j: abs(n[j]))
+    return [float(j == i) for j in range(3)]
+
+
+def _normal_cov(sighting: Sighting) -> list[list[list[float]]]:
     """Covariance (2, 3, 3) of both normals: as given, else from ellipse and camera, else none."""
-    if sighting.cov is not None and np.all(np.isfinite(sighting.cov)):
-        return sighting.cov[:, 3:, 3:]
+    if sighting.cov is not None:
+        own: list[list[list[float]]] = sighting.cov[:, 3:, 3:].tolist()
+        if math.isfinite(sum(map(sum, own[0])) + sum(map(sum, own[1]))):
+            return own
     cone = viewing_cone(sighting)
     if cone is None:
-        return np.zeros((2, 3, 3))
+        return [[[0.0] * 3] * 3] * 2
     g = cone.spread(cone.normal)
-    return np.asarray(g @ g.swapaxes(-1, -2))
+    both: list[list[list[float]]] = (g @ g.swapaxes(-1, -2)).tolist()
+    return both
 
 
 def _weigh(log: list[float], far: list[float], source: str, angles: list[float], how: str) -> Verdict:
-    first, second = (float(np.logaddexp(math.log1p(-MISTAKES) + v, math.log(MISTAKES) + _LOG_VISIBLE)) for v in log)
+    even = math.log(MISTAKES) + _LOG_VISIBLE
+    top = max(*log, even)
+    first, second = (math.log((1.0 - MISTAKES) * math.exp(v - top) + math.exp(even - top)) for v in log)
     basis = f"{source}: the candidates are {angles[0]:.1f} and {angles[1]:.1f} deg {how}"
     if min(far) > MISFIT:
         basis += ", it fits neither"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera import Camera
 from roundel.scenes.step_response import PIXEL_VARIANCE, curved_distance, step_response
 from roundel.solver.band_pixels import BandPixels
 from roundel.solver.disc_blur import disc_minus_gauss
@@ -25,15 +24,18 @@ _GRADIENT = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """What stays as it is: the functions of the levels at the edge's pixels, the plateaus beside it, the lens."""
+class Light:
+    """The functions of the grey levels that a fit uses, and the plateaus without their stains; see `pixel_scene`."""
 
     basis: Array
-    basis_slope: Array  # along the normal, 1/px
-    place: Array  # (N, 2) from the centre, in semi-major axes
+    basis_slope: Array
+    place: Array
     inside: Plateau
     outside: Plateau
-    lens: Camera | None
+
+    def residuals(self, levels: Array) -> tuple[Array, Array]:
+        """What levels (2, k) leave of the plateaus."""
+        return self.inside.residual(levels[0]), self.outside.residual(levels[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,28 +108,28 @@ def response_of(band: Band, distance: Array, variance: float, disc: float) -> Re
     return Response(response, slope, widening, change, moment)
 
 
-def predict(pixels: BandPixels, state: State, scene: Scene) -> Step:
+def predict(pixels: BandPixels, state: State, light: Light) -> Step:
     """What remains of the edge's pixels at the present parameters, and the derivatives."""
     distance = pixels.band.distance + pixels.jacobian @ state.change
     response = response_of(pixels.band, distance, state.variance, state.disc)
-    height = scene.basis @ (state.levels[1] - state.levels[0])
-    k = scene.basis.shape[1]
+    height = light.basis @ (state.levels[1] - state.levels[0])
+    k = light.basis.shape[1]
     slope_dn = height * response.slope
     design = np.empty((len(height), 9 + 2 * k))
     np.multiply(pixels.jacobian, slope_dn[:, None], out=design[:, :5])
     design[:, 5] = height * response.widening
     design[:, 6] = height * response.change
-    np.multiply(scene.place, design[:, 5:6], out=design[:, 7:9])
+    np.multiply(light.place, design[:, 5:6], out=design[:, 7:9])
     outer = design[:, 9 + k :]
-    np.multiply(scene.basis, response.value[:, None], out=outer)
-    outer += scene.basis_slope * response.moment[:, None]
-    np.subtract(scene.basis, outer, out=design[:, 9 : 9 + k])
+    np.multiply(light.basis, response.value[:, None], out=outer)
+    outer += light.basis_slope * response.moment[:, None]
+    np.subtract(light.basis, outer, out=design[:, 9 : 9 + k])
     residual = pixels.band.value - design[:, 9:] @ state.levels.ravel() - design[:, 7:9] @ state.gradient
     return Step(residual, design, np.clip(response.value, 0.0, 1.0), slope_dn)
 
 
 def gauss_newton(
-    step: Step, weight: Array, scene: Scene, state: State, noise: tuple[float, float]
+    step: Step, weight: Array, light: Light, state: State, noise: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Inverse of the normal matrix, and the step; not finite where the pixels do not determine it."""
     weighted = step.design * weight[:, None]
@@ -139,8 +141,8 @@ def gauss_newton(
     normal[7, 7] += tight
     normal[8, 8] += tight
     gradient[7:9] -= state.gradient * tight
-    k = scene.basis.shape[1]
-    for i, plateau in enumerate((scene.inside, scene.outside)):
+    k = light.basis.shape[1]
+    for i, plateau in enumerate((light.inside, light.outside)):
         part = slice(9 + i * k, 9 + (i + 1) * k)
         normal[part, part] += plateau.basis.T @ plateau.basis / noise[i]
         gradient[part] += plateau.basis.T @ plateau.residual(state.levels[i]) / noise[i]
