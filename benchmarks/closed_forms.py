@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import time
 import timeit
 import types
 from collections.abc import Callable
@@ -219,7 +220,7 @@ def speed(names: list[str], repeats: int) -> list[str]:
     best = dict.fromkeys(calls, np.inf)
     for _ in range(repeats):
         for name, (call, number, poses) in calls.items():
-            best[name] = min(best[name], timeit.timeit(call, number=number) / number / poses)
+            best[name] = min(best[name], timeit.timeit(call, number=number, timer=time.process_time) / number / poses)
     return [
         "| closed form | microseconds |",
         "|---|---:|",

@@ -117,7 +117,9 @@ def clutter_ellipses(frame: Frame) -> list[Array]:
     for column in range(low[0], high[0]):
         for row in range(low[1], high[1]):
             cell = [np.asarray(v & 0xFFFFFFFF, dtype=np.uint32) for v in (column, row)]
-            keys = [np.asarray((frame.sheet.seed + k) & 0xFFFFFFFF, dtype=np.uint32) for k in (CLUTTER_SHAPE, CLUTTER_PLACE)]
+            keys = [
+                np.asarray((frame.sheet.seed + k) & 0xFFFFFFFF, dtype=np.uint32) for k in (CLUTTER_SHAPE, CLUTTER_PLACE)
+            ]
             kind, size, _ = pcg3d(cell[0], cell[1], keys[0])
             if int(kind) >> 31:
                 continue
@@ -142,9 +144,7 @@ def judge(detections: list[Detection], truth: list[Array], others: list[Array]) 
         best = min(hits, key=lambda i: float(np.abs(detections[i].edges.ellipse - ellipse)[:4].sum()), default=None)
         found.append(-1.0 if best is None else detections[best].confidence)
         left = [i for i in left if i != best]
-    false = [
-        detections[i].confidence for i in left if not any(same(detections[i].edges.ellipse, e) for e in others)
-    ]
+    false = [detections[i].confidence for i in left if not any(same(detections[i].edges.ellipse, e) for e in others)]
     return found, false
 
 
@@ -186,7 +186,10 @@ def table_of(name: str, key: str, found: list[Outcome]) -> tuple[str, dict[str, 
     cells: dict[Any, list[Outcome]] = {}
     for outcome in found:
         cells.setdefault(outcome.level if swept else outcome.group, []).append(outcome)
-    lines = [f"{name} ({key})", "    level          visible  recall (95 %)              false/frame  confident  missed frames"]
+    lines = [
+        f"{name} ({key})",
+        "    level          visible  recall (95 %)              false/frame  confident  missed frames",
+    ]
     rows = []
     for level, frames in cells.items():
         hits = [hit for o in frames for hit in o.found]
@@ -199,8 +202,8 @@ def table_of(name: str, key: str, found: list[Outcome]) -> tuple[str, dict[str, 
         low, high = interval.low, interval.high
         label = f"{level:g}" if swept else str(level)
         lines.append(
-            f"    {label:14s} {visible:7.2f}  {sum(hits):3d}/{len(hits):3d} {np.mean(hits):.3f} ({low:.3f} to {high:.3f})"
-            f"  {false:11.3f}  {confident:9.3f}  {' '.join(map(str, missed[:12]))}"
+            f"    {label:14s} {visible:7.2f}  {sum(hits):3d}/{len(hits):3d} {np.mean(hits):.3f}"
+            f" ({low:.3f} to {high:.3f})  {false:11.3f}  {confident:9.3f}  {' '.join(map(str, missed[:12]))}"
         )
         rows.append(
             {

@@ -13,7 +13,9 @@ Array = NDArray[np.float64]
 PIXEL_VARIANCE = 1.0 / 12.0
 
 
-def step_response(z: Array, half_sum: Array, half_difference: Array, variance: float, derivatives: int = 2) -> Array:
+def step_response(
+    z: Array, half_sum: Array, half_difference: Array, variance: float | Array
+) -> tuple[Array, Array, Array]:
     """Mean of a unit step at 0 over a square pixel centred at z along the normal, after a Gaussian blur.
 
     The pixel projects to a trapezoid, the convolution of two boxes of widths w1 = |nu_x| and w2 = |nu_y|: a second
@@ -25,17 +27,15 @@ def step_response(z: Array, half_sum: Array, half_difference: Array, variance: f
         Signed distances, px.
     half_sum, half_difference : (N,) arrays
         (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2.
-    variance : float
+    variance : float or (N,) array
         Of the blur, px^2.
-    derivatives : int
-        How many of the response's derivatives by z to return, 2 to 6.
 
     Returns
     -------
-    (derivatives + 1, N) array
-        T, its first derivative, its second, ...
+    (N,) arrays
+        T, its first derivative and its second.
     """
-    sigma = math.sqrt(variance)
+    sigma = np.sqrt(variance)
     w1w2 = half_sum**2 - half_difference**2
     # Along a row or column one box has no width: a thin one is the same to 1e-6 and keeps the differences finite.
     thin = w1w2 < 1e-3
@@ -49,24 +49,13 @@ def step_response(z: Array, half_sum: Array, half_difference: Array, variance: f
     density = np.exp(-0.5 * square)
     density *= 1.0 / math.sqrt(2.0 * math.pi)
     normal_cdf = ndtr(s)
-    first = s * density
-    terms = [
-        ((square + 1.0) * normal_cdf + first) * (variance / 2),
-        (s * normal_cdf + density) * sigma,
-        normal_cdf,
-    ]
-    if derivatives > 2:
-        terms += [
-            density / sigma,
-            first / -variance,
-            (square - 1.0) * density / (variance * sigma),
-            (3.0 - square) * first / variance**2,
-        ]
-    out = np.empty((derivatives + 1, len(z)))
-    for row, term in zip(out, terms, strict=False):
-        np.subtract(term[0] - term[1], term[2] - term[3], out=row)
-    out /= area
-    return out
+    value = ((square + 1.0) * normal_cdf + s * density) * (variance / 2)
+    slope = (s * normal_cdf + density) * sigma
+
+    def second_difference(terms: Array) -> Array:
+        return np.asarray(((terms[0] - terms[1]) - (terms[2] - terms[3])) / area)
+
+    return second_difference(value), second_difference(slope), second_difference(normal_cdf)
 
 
 def curved_distance(distance: Array, curvature: Array, curvature_ss: Array, variance: float) -> tuple[Array, Array]:

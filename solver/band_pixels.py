@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera import Camera, denormalise, distort_normalised, distort_px, normalise, undistort_px
 from roundel.scenes.conic import ellipse_points
 from roundel.scenes.step_response import ellipse_curvature
-from roundel.solver.edge_band import Band, kept
+from roundel.solver.edge_band import Band, kept, shape_jacobian
 from roundel.solver.foot_points import foot_points
 
 Array = NDArray[np.float64]
@@ -108,15 +108,6 @@ def band_pixels(band: Band, shape: Array, camera: Camera | None) -> BandPixels:
         curvature_ss=curvature_ss,
     )
     return BandPixels(band, jacobian)
-
-
-def shape_jacobian(normal: Array, u: Array) -> Array:
-    """Derivative (N, 5) of signed distances by (x, y, S11, S12, S22); normals and u as `foot_points` returns them."""
-    jacobian = np.empty((len(normal), 5))
-    np.negative(normal, out=jacobian[:, :2])
-    np.multiply(jacobian[:, :2], u, out=jacobian[:, 2::2])
-    jacobian[:, 3] = jacobian[:, 0] * u[:, 1] + jacobian[:, 1] * u[:, 0]
-    return jacobian
 
 
 def _curvature_in_image(camera: Camera, ellipse: Array, t: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from roundel.solver.foot_points import foot_points
 
 Array = NDArray[np.float64]
 
-_MIN_SEMI_AXES_PX = (3.0, 2.0)  # major and minor; below them there is no inside to see
+_MIN_SEMI_AXES_PX = (3.0, 1.2)  # major and minor; below them there is no inside to see
 _MIN_ASPECT = 0.08  # b / a; a circle at 85 degrees of tilt
 _NOISE_PIXELS = 20_000
 _MIN_SEGMENT_POINTS = 12
@@ -38,7 +38,13 @@ def noise_dn(image: NDArray[Any]) -> float:
     top, middle, bottom = (strips[:, i].astype(np.float32) for i in range(3))
     rows = top - 2 * middle + bottom
     second = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
-    return float(np.median(np.abs(second))) * 1.4826 / 6.0  # the mask's weights have the norm 6
+    size = np.abs(second)
+    middle = float(np.median(size))
+    if np.issubdtype(image.dtype, np.integer) and middle >= 1.0:
+        # Whole numbers: the median lies somewhere within the half level to either side of its own.
+        below, at = float(np.mean(size < middle)), float(np.mean(size == middle))
+        middle += (0.5 - below) / at - 0.5 if at > 0 else 0.0
+    return middle * 1.4826 / 6.0  # the mask's weights have the norm 6
 
 
 def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
@@ -54,9 +60,7 @@ def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
     return np.ascontiguousarray(np.clip((image.astype(np.float32) - low) * gain, 0, 255).astype(np.uint8)), gain
 
 
-def edge_drawing(
-    grey: NDArray[np.uint8], noise: float, with_ellipses: bool = True
-) -> tuple[list[Array], list[Array]]:
+def edge_drawing(grey: NDArray[np.uint8], noise: float, with_ellipses: bool = True) -> tuple[list[Array], list[Array]]:
     """Edge segments, (N, 2) each, and if wanted EdgeDrawing's ellipses, (5,) each."""
     parameters = cv2.ximgproc.EdgeDrawing.Params()
     parameters.EdgeDetectionOperator = cv2.ximgproc.EdgeDrawing_PREWITT

@@ -3,8 +3,8 @@
 The confidence is a product of four parts, each 1 where nothing speaks against a circle:
 
 - shape: how far from an ellipse the contour may be, an upper bound of the systematic part of its residual relative to
-  b. 0.9 % halves it: an octagon is 2.2 % off its best ellipse, a hexagon 4 %, a square 9 %, most letters O 1.5 %. Small,
-  noisy or blurred contours do not tell an octagon from a circle, and their bound says so.
+  b. 0.9 % halves it: an octagon is 2.2 % off its best ellipse, a hexagon 4 %, a square 9 %, most letters O 1.5 %.
+  Small, noisy or blurred contours do not tell an octagon from a circle, and their bound says so.
 - pixels: what the model of one edge leaves of the pixels beyond their noise; a tenth of the contrast halves it.
 - coverage: the part of the contour that shows an edge; a half counts little, 95 % all.
 - contrast: the step over the noise, times the root of the number of points.
@@ -23,7 +23,7 @@ _SHAPE = 0.009
 _PIXELS = 0.10
 _NO_COVERAGE, _FULL_COVERAGE = 0.25, 0.95
 _SIGNAL = 20.0
-# A blur of sigma s takes exp(-n^2 s^2 / (2 r^2)) of the n-th harmonic of a contour; polygons of 5 have their first there.
+# A blur of sigma s leaves exp(-n^2 s^2 / (2 r^2)) of the n-th harmonic of a contour: n = 5, a pentagon's.
 _BLUR = 12.5
 
 _MIN_COVERAGE = 0.35
@@ -67,9 +67,9 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> bo
     # What the model of an ellipse leaves of the pixels beyond their noise; pixels without shades leave more.
     aliased = edges.blur_px < 0.1 and b >= 4.0 and edges.noise_dn < 0.15 * contrast
     share = 0.12 if coverage >= _WHOLE else 0.03
-    if not aliased or coverage < _WHOLE:
-        if edges.noise_dn**2 > (1.5 * noise + 1e-3 * full_scale_dn) ** 2 + (share * contrast) ** 2:
-            return False
+    limit = math.hypot(1.5 * noise + 1e-3 * full_scale_dn, share * contrast)
+    if edges.noise_dn > limit and not (aliased and coverage >= _WHOLE):
+        return False
     # A square is 5 % of its half side off its best ellipse, a letter O 1 to 1.5 %; lens distortion bends an ellipse by
     # its quadratic term, 1e-4 b^2 px at the corner of a wide-angle image.
     # Where the blur reaches across the ellipse the model itself is off by about b^2 over its size.

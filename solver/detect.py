@@ -135,11 +135,11 @@ def _refine(
 
 def _measured(level: _Level, image: NDArray[Any], candidate: Array, full_scale_dn: float) -> _Contour | None:
     """The contour at a candidate of a level: as the whole image shows it, or where it does not, as the level does."""
-    there = _judged(edge_points(level.image, candidate, full_scale_dn), level.noise, full_scale_dn)
+    there = _judged(edge_points(level.image, candidate, full_scale_dn, polish=False), level.noise, full_scale_dn)
     if there is None or level.factor == 1:
         return there
     there = _Contour(enlarged(there.edges, level.factor), there.confidence)
-    here = _judged(edge_points(image, there.edges.ellipse, full_scale_dn), noise_dn(image), full_scale_dn)
+    here = _judged(edge_points(image, there.edges.ellipse, full_scale_dn, polish=False), noise_dn(image), full_scale_dn)
     return here if here and here.confidence >= min(there.confidence, _CONFIDENT) else there
 
 

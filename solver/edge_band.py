@@ -51,15 +51,25 @@ _OF_A_PIXEL = (
 )
 
 
-def sector_centres(ellipse: Array, count: int) -> tuple[Array, Array]:
-    """Foot points (count, 2) and outer normals (count, 2) at the middle of each sector."""
+def sector_centres(ellipse: Array, count: int) -> tuple[Array, Array, Array]:
+    """Foot points, outer normals and unit vectors u (count, 2), as of `foot_points`, at the middle of each sector."""
     knots, lengths = _arc(ellipse)
     t = np.interp((np.arange(count) + 0.5) / count * lengths[-1], lengths, knots)
     angle, a, b = math.radians(ellipse[4]), ellipse[2], ellipse[3]
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    feet = np.stack([a * np.cos(t), b * np.sin(t)], axis=1) @ turn + ellipse[:2]
-    normals = np.stack([np.cos(t) / a, np.sin(t) / b], axis=1)
-    return feet, normals / np.linalg.norm(normals, axis=1, keepdims=True) @ turn
+    u = np.stack([np.cos(t), np.sin(t)], axis=1)
+    normals = u / np.array([a, b])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return u * np.array([a, b]) @ turn + ellipse[:2], normals @ turn, u @ turn
+
+
+def shape_jacobian(normal: Array, u: Array) -> Array:
+    """Derivative (N, 5) of signed distances by (x, y, S11, S12, S22); normals and u as `foot_points` returns them."""
+    jacobian = np.empty((len(normal), 5))
+    np.negative(normal, out=jacobian[:, :2])
+    np.multiply(jacobian[:, :2], u, out=jacobian[:, 2::2])
+    jacobian[:, 3] = jacobian[:, 0] * u[:, 1] + jacobian[:, 1] * u[:, 0]
+    return jacobian
 
 
 def _arc(ellipse: Array) -> tuple[Array, Array]:

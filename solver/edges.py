@@ -18,16 +18,26 @@ variance of the blur along the contour, the pixel's own 1/12 included. The predi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from roundel.scenes.conic import ellipse_perimeter_px, ellipse_points
 from roundel.scenes.step_response import PIXEL_VARIANCE, curved_distance, step_response
-from roundel.solver.edge_band import MIN_SECTORS, PLATEAU_PX, Band, band_around, reach_of, sector_centres, within
-from roundel.solver.ellipse import FailedFit, fit_ellipse
+from roundel.solver.edge_band import (
+    MIN_SECTORS,
+    PLATEAU_PX,
+    Band,
+    band_around,
+    reach_of,
+    sector_centres,
+    shape_jacobian,
+    within,
+)
+from roundel.solver.ellipse import FailedFit, ellipse_of_shape, fit_ellipse, shape_of_ellipse
 from roundel.solver.foot_points import foot_points
 
 Array = NDArray[np.float64]
@@ -37,7 +47,7 @@ _FIRST_REACH_PX = 8.0  # how far from a candidate its edge is looked for, and it
 _LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to either side
 _MAX_ROUNDS = 6
 _SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
-_CLOSE_PX = 1.0
+_CLOSE_PX, _CLOSE = 1.0, 0.07  # a step is small below these: in px, and of the semi-minor axis
 _FIRST_STEPS, _STEPS = 4, 3
 _SATURATED = 254.5 / 255.0  # of the full scale
 _SATURATED_STEPS = 12
@@ -117,50 +127,142 @@ def edge_points(
         if len(band.value) < 2 * count:
             return FailedFit("no edge with flat sides along the contour")
         limits = (reach[0] - PLATEAU_PX, reach[1] + PLATEAU_PX)
-        delta, sigma, good, variance, contrast, noise = _offsets(band, variance, full_scale_dn, first)
-        if np.count_nonzero(good) < max(8, 0.3 * count):
-            return FailedFit(f"only {np.count_nonzero(good)} of {count} sectors of the contour show an edge")
-        feet, normals = sector_centres(current, count)
-        points = (feet + delta[:, None] * normals)[good]
-        fit = fit_ellipse(points, sigma[good], start=current, tolerance=_FIT_TOLERANCE)
-        if not isinstance(fit, FailedFit):
-            # What belongs to a neighbour, a shadow or a stain lies off the ellipse.
-            spread = 1.4826 * float(np.median(np.abs(fit.residual_px)))
-            keep = np.abs(fit.residual_px) <= max(4.0 * spread, 0.05)
-            if not np.all(keep) and np.count_nonzero(keep) >= 8:
-                good[np.flatnonzero(good)[~keep]] = False
-                points = points[keep]
-                fit = fit_ellipse(points, sigma[good], start=fit.ellipse, tolerance=_FIT_TOLERANCE)
-        if isinstance(fit, FailedFit):
-            return fit
-        if first and np.median(np.abs(fit.residual_px)) > 0.1 + 0.03 * float(fit.ellipse[3]) + 2.0 * float(
-            np.median(sigma[good])
-        ):
-            return FailedFit("the edge along the contour is not an ellipse")
-        moved = _largest_move(current, fit.ellipse)
-        current = fit.ellipse
-        if not (np.all(np.isfinite(current)) and current[3] > 1.0):
-            return FailedFit("the contour shrinks below one pixel")
-        seen = float(np.mean(good))
-        found = EdgePoints(
-            points, sigma[good], current, math.sqrt(variance), contrast, noise, seen, good, (reach[0], reach[1])
-        )
+        offsets = _offsets(band, variance, full_scale_dn, first)
+        feet, normals, u = sector_centres(current, count)
+        jacobian, moved_by = shape_jacobian(normals, u), np.zeros(5)
+        if first or not polish:
+            step = _linear_fit(offsets, jacobian, float(current[3]) if first else math.inf)
+            if isinstance(step, FailedFit):
+                return step
+            moved_by = step
+            close = min(_CLOSE_PX, _CLOSE * float(current[3]))
+            if not polish and float(np.max(np.abs(jacobian @ step))) < close:
+                # So small a step moves distances linearly, to its square over twice the radius of curvature.
+                band = replace(band, distance=band.distance + shape_jacobian(band.normal, band.u) @ step)
+                offsets = _offsets(band, offsets.variance, full_scale_dn, False)
+                step = _linear_fit(offsets, jacobian, math.inf)
+                if isinstance(step, FailedFit):
+                    return step
+                shifted = offsets.delta - jacobian @ moved_by
+                moved_by = moved_by + step
+                after = _moved(current, moved_by)
+                if isinstance(after, FailedFit):
+                    return after
+                return _found(after, feet + shifted[:, None] * normals, offsets, reach, feet)
+            after = _moved(current, moved_by)
+        else:
+            after = _curved_fit(offsets, feet + offsets.delta[:, None] * normals, current)
+        if isinstance(after, FailedFit):
+            return after
+        found = _found(after, feet + offsets.delta[:, None] * normals, offsets, reach, feet)
+        moved, current, variance = _largest_move(current, after), after, offsets.variance
         if moved < _SETTLED_PX and not first:
-            break
-        if moved < _CLOSE_PX and not polish:
             break
     assert found is not None
     return found
+
+
+def _few(offsets: _Offsets) -> FailedFit | None:
+    good, count = int(np.count_nonzero(offsets.good)), len(offsets.good)
+    if good < max(8, 0.3 * count):
+        return FailedFit(f"only {good} of {count} sectors of the contour show an edge")
+    return None
+
+
+def _linear_fit(offsets: _Offsets, jacobian: Array, b_px: float) -> Array | FailedFit:
+    """Step of the shape that explains the offsets, to first order; what lies off it is no longer trusted.
+
+    `b_px` is the semi-minor axis by which the rest is judged: a contour that is no ellipse ends here.
+    """
+    for again in (True, False):
+        few = _few(offsets)
+        if few is not None:
+            return few
+        good = offsets.good
+        rows = jacobian[good] / offsets.sigma[good, None]
+        step = np.linalg.lstsq(rows, -offsets.delta[good] / offsets.sigma[good], rcond=None)[0]
+        residual = np.abs(offsets.delta + jacobian @ step)
+        spread = 1.4826 * float(np.median(residual[good]))
+        outside = good & (residual > max(4.0 * spread, 0.05))
+        if not (again and np.any(outside)) or np.count_nonzero(good & ~outside) < 8:
+            break
+        # What belongs to a neighbour, a shadow or a stain lies off the ellipse.
+        offsets.good[outside] = False
+    if np.median(residual[good]) > 0.1 + 0.03 * b_px + 2.0 * float(np.median(offsets.sigma[good])):
+        return FailedFit("the edge along the contour is not an ellipse")
+    return np.asarray(step, dtype=np.float64)
+
+
+def _curved_fit(offsets: _Offsets, points: Array, start: Array) -> Array | FailedFit:
+    """The ellipse through the trusted points; what lies off it is no longer trusted."""
+    few = _few(offsets)
+    if few is not None:
+        return few
+    good = offsets.good
+    fit = fit_ellipse(points[good], offsets.sigma[good], start=start, tolerance=_FIT_TOLERANCE)
+    if isinstance(fit, FailedFit):
+        return fit
+    spread = 1.4826 * float(np.median(np.abs(fit.residual_px)))
+    keep = np.abs(fit.residual_px) <= max(4.0 * spread, 0.05)
+    if not np.all(keep) and np.count_nonzero(keep) >= 8:
+        good[np.flatnonzero(good)[~keep]] = False
+        fit = fit_ellipse(points[good], offsets.sigma[good], start=fit.ellipse, tolerance=_FIT_TOLERANCE)
+        if isinstance(fit, FailedFit):
+            return fit
+    return _large_enough(fit.ellipse)
+
+
+def _moved(ellipse: Array, step: Array) -> Array | FailedFit:
+    theta = shape_of_ellipse(ellipse) + step
+    if not (np.all(np.isfinite(theta)) and theta[2] > 0 and theta[2] * theta[4] > theta[3] ** 2):
+        return FailedFit("the contour shrinks below one pixel")
+    return _large_enough(ellipse_of_shape(theta))
+
+
+def _large_enough(ellipse: Array) -> Array | FailedFit:
+    if not (np.all(np.isfinite(ellipse)) and ellipse[3] > 1.0):
+        return FailedFit("the contour shrinks below one pixel")
+    return ellipse
+
+
+def _found(ellipse: Array, points: Array, offsets: _Offsets, reach: tuple[float, float], feet: Array) -> EdgePoints:
+    good = offsets.good
+    # Sectors count from the ellipse's own axis, and that of a near circle may have turned: to each of its sectors the
+    # nearest of those that were measured.
+    mine = sector_centres(ellipse, len(good))[0] - ellipse[:2]
+    old = feet - ellipse[:2]
+    turn = np.mod(np.arctan2(mine[:, 1], mine[:, 0])[:, None] - np.arctan2(old[:, 1], old[:, 0]) + np.pi, 2 * np.pi)
+    trusted = good[np.argmin(np.abs(turn - np.pi), axis=1)]
+    return EdgePoints(
+        points[good],
+        offsets.sigma[good],
+        ellipse,
+        math.sqrt(offsets.variance),
+        offsets.contrast_dn,
+        offsets.noise_dn,
+        float(np.mean(good)),
+        trusted,
+        (reach[0], reach[1]),
+    )
 
 
 def _largest_move(before: Array, after: Array) -> float:
     return float(np.max(np.abs(foot_points(before, ellipse_points(after, 16))[0])))
 
 
-def _offsets(
-    band: Band, variance: float, full_scale_dn: float, first: bool
-) -> tuple[Array, Array, NDArray[np.bool_], float, float, float]:
-    """Offset of each sector and its sigma, which of them to trust, blur variance, contrast, residual noise."""
+@dataclass(frozen=True, eq=False)
+class _Offsets:
+    """Of each sector its offset and sigma, and whether to trust it; blur, contrast, and what the model leaves."""
+
+    delta: Array
+    sigma: Array
+    good: NDArray[np.bool_]
+    variance: float
+    contrast_dn: float
+    noise_dn: float
+
+
+def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool) -> _Offsets:
     sector, count, value = band.sector, band.count, band.value
 
     def total(weight: Array) -> Array:
@@ -184,7 +286,12 @@ def _offsets(
         z, _ = curved_distance(
             band.distance - delta[sector], band.curvature, band.curvature_ss, variance + PIXEL_VARIANCE
         )
-        t, slope, bend = step_response(z, band.half_sum, band.half_difference, variance)
+        # A rough contour asks for no more than a Gaussian of the pixel's variance: one term instead of four.
+        t, slope, bend = (
+            _gaussian_step(z, variance + PIXEL_VARIANCE)
+            if first
+            else step_response(z, band.half_sum, band.half_difference, variance)
+        )
         # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors;
         # the offset of each sector is eliminated before (Schur complement).
         p, q, v = seen * (1 - t), seen * t, seen * value
@@ -212,7 +319,10 @@ def _offsets(
         power = float(np.sum(widen**2))
         change = float(np.sum(widen * residual)) / power if power > 0 else 0.0
         variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
-    contrast = float(np.median(height))
+    lower, contrast, upper = (float(v) for v in np.quantile(height, (0.25, 0.5, 0.75)))
+    strong = upper if upper >= -lower else lower
+    if abs(contrast) < 0.3 * abs(strong):  # half of the contour or more: the median is what hides it
+        contrast = strong
     spread = np.sqrt(total(residual**2) / np.maximum(size, 1.0))
     good = (
         usable
@@ -224,7 +334,13 @@ def _offsets(
     trusted = residual[good[sector]]
     noise = float(np.sqrt(np.mean(trusted**2))) if len(trusted) else 0.0
     sigma = np.where(usable, max(noise, 1e-6) * np.sqrt(inverse), np.inf)
-    return delta, sigma, good, variance, contrast, noise
+    return _Offsets(delta, sigma, good, variance, contrast, noise)
+
+
+def _gaussian_step(z: Array, variance: float) -> tuple[Array, Array, Array]:
+    s = z / math.sqrt(variance)
+    slope = np.exp(-0.5 * s * s) / math.sqrt(2 * math.pi * variance)
+    return ndtr(s), slope, slope * z / -variance
 
 
 def _around(values: Array, window: int) -> Array:

@@ -18,6 +18,7 @@ from roundel.scenes.camera import Camera, distorts, undistort_px
 from roundel.scenes.conic import ellipse_points
 from roundel.scenes.errors import UsageError
 from roundel.solver.detect import Detection, detect
+from roundel.solver.edges import edge_points
 from roundel.solver.ellipse import (
     EllipseFit,
     FailedFit,
@@ -94,7 +95,9 @@ def fit_detection(seen: Seen, detection: Detection, camera: Camera, method: str)
         return fit if fit else fit_points(detection.edges.points_px, detection.edges.sigma_px, camera, "ml")
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
-    return fit_points(detection.edges.points_px, detection.edges.sigma_px, camera, method)
+    # A detection's points are as good as deciding on it asks for.
+    edges = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn) or detection.edges
+    return fit_points(edges.points_px, edges.sigma_px, camera, method)
 
 
 def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit:

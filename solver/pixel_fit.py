@@ -26,14 +26,14 @@ from roundel.scenes.step_response import PIXEL_VARIANCE
 from roundel.solver.band_pixels import BandPixels, band_pixels
 from roundel.solver.edges import EdgePoints
 from roundel.solver.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit
-from roundel.solver.grey_levels import first_levels, noise_variances
-from roundel.solver.pixel_model import Light, State, Step, gauss_newton, predict, response_of
+from roundel.solver.grey_levels import SIZES, first_levels, noise_variances
+from roundel.solver.pixel_model import Light, Response, State, Step, gauss_newton, predict, response_of
 from roundel.solver.pixel_scene import Scene, scene_of
 
 Array = NDArray[np.float64]
 
-_FIRST_SIZE = 3
-_MAX_STEPS = 12
+_WIDE_BLUR = 0.2  # of the semi-minor axis
+_MAX_STEPS = 20
 _SETTLED_PX = 5e-4
 _CLOSE_PX = 0.02  # the residuals then are those of the noise
 _RELINEARISE_PX = 0.04  # distances move with the ellipse linearly, to (this)^2 / 2 rho
@@ -106,43 +106,71 @@ def fit_pixels(
     scene = scene_of(image, edges, lens, full_scale_dn)
     if isinstance(scene, FailedFit):
         return scene
-    state = State(scene.theta, np.zeros(5), max(edges.blur_px, 0.1) ** 2, 0.0, np.zeros(2), np.zeros((2, 1)))
+    variance = max(edges.blur_px, 0.1) ** 2
+    state = State(scene.theta, np.zeros(5), variance, 0.0, np.zeros(2), np.zeros(2), np.zeros((2, 1)))
+    response = response_of(scene.pixels.band, scene.pixels.band.distance, state)
     # Far from the solution what is left of blur and shape looks like more functions of the levels: ask again there.
-    found = _fit(state, scene.pixels, scene, _FIRST_SIZE)
+    found = _fit(state, scene.pixels, scene, response, SIZES[1], False)
     if isinstance(found, FailedFit):
         return found
-    size = _levels(found.state, found.pixels, scene, scene.basis.shape[1])[0].shape[1]
+    smeared = _smear_shows(found)
+    if smeared:
+        again = _fit(found.state, found.pixels, scene, found.step.response, SIZES[1], True)
+        found, smeared = (found, False) if isinstance(again, FailedFit) else (again, True)
+    size = found.state.levels.shape[1]
+    # Across a blur as wide as that the functions look like the edge itself.
+    wide = found.state.variance > (_WIDE_BLUR * float(edges.ellipse[3])) ** 2
+    for most in SIZES[2:] if not wide else ():
+        wanted = _levels(found.pixels, scene, found.step.response, most, smeared)[0].shape[1]
+        if wanted < most:
+            break
+        size = wanted
     if size != found.state.levels.shape[1]:
-        again = _fit(found.state, found.pixels, scene, size)
+        again = _fit(found.state, found.pixels, scene, found.step.response, size, smeared)
         found = found if isinstance(again, FailedFit) else again
     return _finished(found)
 
 
-def _levels(state: State, pixels: BandPixels, scene: Scene, most: int) -> tuple[Array, Array, Array]:
-    """Levels (2, n) of at most so many functions, the residuals they leave, and the response they were fitted with."""
-    response = response_of(pixels.band, pixels.band.distance, state.variance, state.disc)
-    widening = response.widening[:, None]
-    nuisance = np.hstack(
-        [pixels.jacobian * response.slope[:, None], widening, response.change[:, None], scene.place * widening]
-    )
+def _smear_shows(found: _Found) -> bool:
+    """Whether a blur that differs between directions explains more of the pixels than chance would."""
+    others = np.delete(np.arange(found.step.design.shape[1]), [9, 10])
+    known, asked = found.step.design[:, others], found.step.design[:, 9:11]
+    weighted = asked * found.weight[:, None]
+    cross = known.T @ weighted
+    information = asked.T @ weighted - cross.T @ found.inverse[np.ix_(others, others)] @ cross
+    pull = weighted.T @ found.step.residual
+    try:
+        gain = float(pull @ np.linalg.solve(information, pull))
+    except np.linalg.LinAlgError:
+        return False
+    return gain > 2 * 2 * math.log(len(known))
+
+
+def _levels(pixels: BandPixels, scene: Scene, response: Response, most: int, smeared: bool) -> tuple[Array, Array]:
+    """Levels (2, n) of at most so many functions, and the residuals that they leave."""
+    shape, blur = pixels.jacobian * response.slope[:, None], np.stack([response.widening, response.change], axis=1)
+    turns = [response.smearing] if smeared else []
+    nuisance = np.hstack([shape, blur, scene.place * response.widening[:, None], *turns])
     basis = scene.basis[:, :most]
     outer = basis * response.value[:, None] + scene.basis_slope[:, :most] * response.moment[:, None]
     inside, outside = (replace(p, basis=p.basis[:, :most]) for p in scene.plateaus)
-    return *first_levels(basis, outer, pixels.band.value, nuisance, (inside, outside)), response.value
+    return first_levels(basis, outer, pixels.band.value, nuisance, (inside, outside))
 
 
-def _fit(state: State, pixels: BandPixels, scene: Scene, most: int) -> _Found | FailedFit:
+def _fit(
+    state: State, pixels: BandPixels, scene: Scene, response: Response, most: int, smeared: bool
+) -> _Found | FailedFit:
     """Gauss-Newton from a state and its pixels, with at most so many functions a side of the levels."""
-    levels, residual, response = _levels(state, pixels, scene, most)
+    levels, residual = _levels(pixels, scene, response, most, smeared)
     state = replace(state, levels=levels)
     size = levels.shape[1]
     inside, outside = (p.without_stains(c, size) for p, c in zip(scene.plateaus, levels, strict=True))
-    light = Light(scene.basis[:, :size], scene.basis_slope[:, :size], scene.place, inside, outside)
-    noise = noise_variances(light.residuals(levels), residual, response, levels.size)
+    light = Light(scene.basis[:, :size], scene.basis_slope[:, :size], scene.place, inside, outside, smeared)
+    noise = noise_variances(light.residuals(levels), residual, response.value, levels.size)
     measured = False
     for turn in range(_MAX_STEPS):
-        step = predict(pixels, state, light)
-        weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * step.response)
+        step = predict(pixels, state, light, response if turn == 0 else None)
+        weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * step.share)
         if turn > 0:
             weight *= _tukey(step, weight)
         inverse, change = gauss_newton(step, weight, light, state, noise)
@@ -153,7 +181,9 @@ def _fit(state: State, pixels: BandPixels, scene: Scene, most: int) -> _Found | 
         flank_px = math.sqrt(state.variance + PIXEL_VARIANCE)
         wanted = state.moved(change)
         blurred_px = (
-            abs(wanted.variance - state.variance) / (2 * flank_px) + abs(wanted.disc - state.disc) * flank_px / 20
+            float(np.max(np.abs(wanted.smear - state.smear))) / (4 * flank_px)
+            + abs(wanted.variance - state.variance) / (2 * flank_px)
+            + abs(wanted.disc - state.disc) * flank_px / 20
         )
         part = min(1.0, 0.5 / max(moved_px, 1e-12), flank_px / max(3 * blurred_px, 1e-12))
         state = wanted if part == 1.0 else state.moved(part * change)
@@ -164,7 +194,7 @@ def _fit(state: State, pixels: BandPixels, scene: Scene, most: int) -> _Found | 
         if measured and largest < _SETTLED_PX:
             return _Found(state, pixels, step, weight, inverse, noise)
         if largest < _CLOSE_PX and not measured:
-            noise = noise_variances(light.residuals(state.levels), step.residual, step.response, levels.size)
+            noise = noise_variances(light.residuals(state.levels), step.residual, step.share, levels.size)
             measured = True
         if total > _RELINEARISE_PX:
             again = _relinearised(state, pixels, scene.lens)
@@ -209,7 +239,7 @@ def _finished(found: _Found) -> PixelFit | FailedFit:
     state, pixels, step, weight, noise = found.state, found.pixels, found.step, found.weight, found.noise
     theta = state.theta + state.change
     power, spread = _under_noise()
-    variance = noise[0] + (noise[1] - noise[0]) * step.response
+    variance = noise[0] + (noise[1] - noise[0]) * step.share
     information = step.slope_dn**2 / variance  # each pixel's, about the place of the edge
     pull = weight * step.slope_dn * step.residual
     misfit = float(np.sum(pull**2) / np.sum(information)) / power

@@ -20,7 +20,9 @@ _DISC_VARIANCE = 0.1  # a blur so far below the pixel's shows no shape of its ow
 # How much of a disc the blur has, from Gaussian (0) to circle of confusion (1); smears lie a little beyond.
 _DISC, _DISC_SIGMA, _DISC_LIMITS = 0.0, 1.0, (-1.0, 1.5)
 # A tilted plane is out of focus by more on one side: the radius changes linearly across it, usually by a few per cent.
+# A ray meets the print on one side of the edge or the other by the radius that is due at the edge, not at the pixel.
 _GRADIENT = 0.15
+_SMEAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class Light:
     place: Array
     inside: Plateau
     outside: Plateau
+    smeared: bool  # whether the blur may differ between directions
 
     def residuals(self, levels: Array) -> tuple[Array, Array]:
         """What levels (2, k) leave of the plateaus."""
@@ -47,25 +50,18 @@ class State:
     variance: float
     disc: float
     gradient: Array  # (2,) of the variance, by place
+    smear: Array  # (2,) of the variance, by cos and sin of twice the normal's direction
     levels: Array
 
     def moved(self, step: Array) -> State:
-        """After a step (9 + 2 k,), the blur kept within bounds."""
+        """After a step (11 + 2 k,), the blur kept within bounds."""
         variance = float(np.clip(self.variance + step[5], max(self.variance / 4, _MIN_VARIANCE), self.variance * 4))
         disc = float(np.clip(self.disc + step[6], *_DISC_LIMITS))
         gradient = np.clip(self.gradient + step[7:9], -variance / 2, variance / 2)
-        levels = self.levels + step[9:].reshape(2, -1)
-        return State(self.theta, self.change + step[:5], variance, disc, gradient, levels)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Prediction at the present parameters: what remains of each pixel, and its derivatives."""
-
-    residual: Array
-    design: Array  # (N, 9 + 2 k): shape, blur's variance, shape and gradient, levels inside, levels outside
-    response: Array
-    slope_dn: Array  # of the prediction by the distance, dn/px
+        smear = self.smear + step[9:11]
+        smear = smear * min(1.0, variance / max(float(np.hypot(smear[0], smear[1])), 1e-12))
+        levels = self.levels + step[11:].reshape(2, -1)
+        return State(self.theta, self.change + step[:5], variance, disc, gradient, smear, levels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +71,8 @@ class Response:
     Attributes
     ----------
     value : (N,) array
-    slope, widening, change : (N,) arrays
-        Derivatives by the distance, the blur's variance and its share of a disc.
+    slope, widening, change, smearing : (N,) arrays, the last (N, 2)
+        Derivatives by the distance, the blur's variance, its share of a disc, and its smear.
     moment : (N,) array
         Where the step grows by g a pixel along the normal, the response grows by g times this: light comes to a pixel
         from where it fell. The integral of u p(u) beyond the edge, for a Gaussian variance times density.
@@ -86,46 +82,81 @@ class Response:
     slope: Array
     widening: Array
     change: Array
+    smearing: Array
     moment: Array
 
 
-def response_of(band: Band, distance: Array, variance: float, disc: float) -> Response:
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Prediction at the present parameters: what remains of each pixel, and its derivatives."""
+
+    residual: Array
+    design: Array  # (N, 11 + 2 k): shape; blur's variance, disc, gradient, smear; levels inside, levels outside
+    response: Response
+    share: Array  # of the outer level in each pixel, 0 to 1
+    slope_dn: Array  # of the prediction by the distance, dn/px
+
+
+def response_of(band: Band, distance: Array, state: State) -> Response:
     """Step response of a band's pixels, at distances that may differ from the band's own."""
+    variance = state.variance
     total = variance + PIXEL_VARIANCE
     z, drift = curved_distance(distance, band.curvature, band.curvature_ss, total)
-    response, slope, bend = step_response(z, band.half_sum, band.half_difference, variance)
+    own: float | Array = variance
+    turned = twice_turned(band)
+    if np.any(state.smear):
+        # Across the edge the blur is n^T B n, along it t^T B t, and their covariance turns the edge's image.
+        across = turned @ state.smear
+        covariance = state.smear[1] * turned[:, 0] - state.smear[0] * turned[:, 1]
+        own = np.maximum(variance + across, _MIN_VARIANCE)
+        whole = own + PIXEL_VARIANCE
+        share = covariance**2 / whole
+        # Beyond two sigmas there is no edge left to be moved.
+        along = np.maximum(variance - across, 0.0) + PIXEL_VARIANCE - share * (1.0 - np.minimum(z * z / whole, 4.0))
+        z += band.curvature / 2 * (along - total)
+    response, slope, bend = step_response(z, band.half_sum, band.half_difference, own)
     widening, change = bend / 2, np.zeros_like(z)
-    moment = total * slope
+    moment = (own + PIXEL_VARIANCE) * slope
     if variance > _DISC_VARIANCE:
-        difference = disc_minus_gauss(z, band.curvature, variance)
+        difference = disc_minus_gauss(z, band.curvature, variance, own)
         change = difference.change
-        response += disc * change
-        slope += disc * difference.slope
-        widening += disc * difference.widening
-        moment += disc * difference.moment
+        response += state.disc * change
+        slope += state.disc * difference.slope
+        widening += state.disc * difference.widening
+        moment += state.disc * difference.moment
+    # What widens the blur along the edge as well moves it; a smear takes along the edge what it adds across.
+    smearing = (widening - slope * (band.curvature / 2))[:, None] * turned
     widening += slope * drift
     slope *= 1.0 - band.curvature**2 * total / 4
-    return Response(response, slope, widening, change, moment)
+    return Response(response, slope, widening, change, smearing, moment)
 
 
-def predict(pixels: BandPixels, state: State, light: Light) -> Step:
-    """What remains of the edge's pixels at the present parameters, and the derivatives."""
-    distance = pixels.band.distance + pixels.jacobian @ state.change
-    response = response_of(pixels.band, distance, state.variance, state.disc)
+def twice_turned(band: Band) -> Array:
+    """Cosine and sine (N, 2) of twice the direction of the normals."""
+    nx, ny = band.normal.T
+    return np.stack([(nx - ny) * (nx + ny), 2 * nx * ny], axis=1)
+
+
+def predict(pixels: BandPixels, state: State, light: Light, response: Response | None = None) -> Step:
+    """What remains of the edge's pixels at the present parameters, and the derivatives; `response` if it is known."""
+    if response is None:
+        distance = pixels.band.distance + pixels.jacobian @ state.change
+        response = response_of(pixels.band, distance, state)
     height = light.basis @ (state.levels[1] - state.levels[0])
     k = light.basis.shape[1]
     slope_dn = height * response.slope
-    design = np.empty((len(height), 9 + 2 * k))
+    design = np.empty((len(height), 11 + 2 * k))
     np.multiply(pixels.jacobian, slope_dn[:, None], out=design[:, :5])
     design[:, 5] = height * response.widening
     design[:, 6] = height * response.change
     np.multiply(light.place, design[:, 5:6], out=design[:, 7:9])
-    outer = design[:, 9 + k :]
+    np.multiply(response.smearing, height[:, None], out=design[:, 9:11])
+    outer = design[:, 11 + k :]
     np.multiply(light.basis, response.value[:, None], out=outer)
     outer += light.basis_slope * response.moment[:, None]
-    np.subtract(light.basis, outer, out=design[:, 9 : 9 + k])
-    residual = pixels.band.value - design[:, 9:] @ state.levels.ravel() - design[:, 7:9] @ state.gradient
-    return Step(residual, design, np.clip(response.value, 0.0, 1.0), slope_dn)
+    np.subtract(light.basis, outer, out=design[:, 11 : 11 + k])
+    residual = pixels.band.value - design[:, 11:] @ state.levels.ravel() - design[:, 7:9] @ state.gradient
+    return Step(residual, design, response, np.clip(response.value, 0.0, 1.0), slope_dn)
 
 
 def gauss_newton(
@@ -141,9 +172,13 @@ def gauss_newton(
     normal[7, 7] += tight
     normal[8, 8] += tight
     gradient[7:9] -= state.gradient * tight
+    loose = ((_SMEAR if light.smeared else 1e-6) * max(state.variance, _DISC_VARIANCE)) ** -2
+    normal[9, 9] += loose
+    normal[10, 10] += loose
+    gradient[9:11] -= state.smear * loose
     k = light.basis.shape[1]
     for i, plateau in enumerate((light.inside, light.outside)):
-        part = slice(9 + i * k, 9 + (i + 1) * k)
+        part = slice(11 + i * k, 11 + (i + 1) * k)
         normal[part, part] += plateau.basis.T @ plateau.basis / noise[i]
         gradient[part] += plateau.basis.T @ plateau.residual(state.levels[i]) / noise[i]
     diagonal = np.diag(normal)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera import Camera, undistort_px
 from roundel.scenes.step_response import PIXEL_VARIANCE
-from roundel.solver.band_pixels import BandPixels, band_pixels, shape_jacobian
-from roundel.solver.edge_band import Band, band_around, kept
+from roundel.solver.band_pixels import BandPixels, band_pixels
+from roundel.solver.edge_band import Band, band_around, kept, shape_jacobian
 from roundel.solver.edges import EdgePoints
 from roundel.solver.ellipse import FailedFit, fit_ellipse, shape_of_ellipse
 from roundel.solver.grey_levels import Plateau, best_order, level_basis
@@ -20,6 +20,7 @@ from roundel.solver.grey_levels import Plateau, best_order, level_basis
 Array = NDArray[np.float64]
 
 _WIDER_PX = 6  # plateaus are taken this much farther than `edges` takes them, where they stay flat
+_WIDER_BLURS = 2.5  # and this many sigmas of the blur
 _LAST_PX = 1.5  # of a plateau as `edges` took it: what lies beyond is compared with this
 _FLAT = 0.01  # of the contrast
 _GROUPS = 12  # directions in which a plateau's flatness is judged
@@ -42,7 +43,7 @@ class Scene:
     basis, basis_slope : (N, k) arrays
         The functions at the edge's pixels, and their change along the normal, 1/px.
     place : (N, 2) array
-        The pixels' places from the centre, in semi-major axes.
+        The foot points' places from the centre, in semi-major axes.
     plateaus : (Plateau, Plateau)
         Pixels inside and outside that know of nothing but their grey level.
     lens : Camera or None
@@ -61,11 +62,12 @@ class Scene:
 def scene_of(image: NDArray[Any], edges: EdgePoints, lens: Camera | None, full_scale_dn: float) -> Scene | FailedFit:
     """Collect the pixels along a contour: of its trusted sectors, as far from it as the plateaus are flat."""
     low, high = edges.reach_px
-    band = band_around(image, edges.ellipse, (low - _WIDER_PX, high + _WIDER_PX), len(edges.trusted))
+    wider = round(_WIDER_PX + _WIDER_BLURS * edges.blur_px)
+    band = band_around(image, edges.ellipse, (low - wider, high + wider), len(edges.trusted))
     used = edges.trusted[band.sector]
     if not np.any(used):
         return FailedFit("the contour lies outside the image")
-    low, high = _flat_reach(band, used, edges)
+    low, high = _flat_reach(band, used, edges, wider)
     used &= (band.distance >= low) & (band.distance <= high)
     saturated = band.value >= full_scale_dn * _SATURATED
     if np.count_nonzero(saturated & used) > _MOST_SATURATED * np.count_nonzero(used):
@@ -87,12 +89,13 @@ def scene_of(image: NDArray[Any], edges: EdgePoints, lens: Camera | None, full_s
 
     inside, outside = used & (band.distance < -reach), used & (band.distance > reach)
     at, normal = pixels.band.pixel_px, pixels.band.normal
+    basis = functions(at)
     return Scene(
         theta,
         pixels,
-        functions(at),
-        (functions(at + normal) - functions(at - normal)) / 2,
-        (at - centre) / size_px,
+        basis,
+        functions(at + normal) - basis,
+        (at - pixels.band.distance[:, None] * normal - centre) / size_px,
         (
             Plateau(functions(band.pixel_px[inside]), band.value[inside]),
             Plateau(functions(band.pixel_px[outside]), band.value[outside]),
@@ -114,7 +117,7 @@ def _start(band: Band, edges: EdgePoints, lens: Camera | None) -> tuple[Array, B
     return theta, band_pixels(band, theta, lens)
 
 
-def _flat_reach(band: Band, used: NDArray[np.bool_], edges: EdgePoints) -> tuple[float, float]:
+def _flat_reach(band: Band, used: NDArray[np.bool_], edges: EdgePoints, wider: int) -> tuple[float, float]:
     """How far the plateaus go on beyond the reach of `edges`: until some directions no longer have their level."""
     ends = []
     for sign, end in ((-1.0, edges.reach_px[0]), (1.0, edges.reach_px[1])):
@@ -123,13 +126,13 @@ def _flat_reach(band: Band, used: NDArray[np.bool_], edges: EdgePoints) -> tuple
         # Bin 0 is the last that `edges` took, the others are 1 px each.
         index = np.maximum(np.ceil(beyond[outer]), 0.0).astype(np.int64) * _GROUPS
         index += band.sector[outer] * _GROUPS // band.count
-        inside = index < (_WIDER_PX + 1) * _GROUPS
+        inside = index < (wider + 1) * _GROUPS
         index, outer = index[inside], outer[inside]
-        number = np.bincount(index, minlength=(_WIDER_PX + 1) * _GROUPS).reshape(-1, _GROUPS)
-        total = np.bincount(index, band.value[outer], minlength=(_WIDER_PX + 1) * _GROUPS).reshape(-1, _GROUPS)
+        number = np.bincount(index, minlength=(wider + 1) * _GROUPS).reshape(-1, _GROUPS)
+        total = np.bincount(index, band.value[outer], minlength=(wider + 1) * _GROUPS).reshape(-1, _GROUPS)
         mean = total / np.maximum(number, 1)
         extent = 0
-        for i in range(1, _WIDER_PX + 1):
+        for i in range(1, wider + 1):
             both = (number[0] > 0) & (number[i] > 0)
             if np.count_nonzero(both) < 3:
                 break

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
-from helpers_images import picture
+from helpers_images import coverage, picture
 from PIL import Image, ImageDraw, ImageFont
 
 from roundel.solver.candidates import noise_dn
@@ -130,6 +132,145 @@ def test_partly_hidden_and_cut_by_the_border():
     assert nearest(detect(picture([(cut, 30.0)], WIDTH, HEIGHT, blur_px=0.5, noise_dn=2.0)), cut) < 0.1
 
 
+@pytest.mark.parametrize("hidden_to", [0.1, -0.1])
+def test_half_hidden(hidden_to):
+    """Behind the edge of something: the chain of edge pixels turns a corner there, and what is left is an arc."""
+    ellipse = np.array([200.0, 150.0, 40.0, 33.0, 30.0])
+    image = picture([(ellipse, 30.0)], WIDTH, HEIGHT, blur_px=0.5, noise_dn=2.0)
+    image[:, round(200 + 38 * hidden_to) :] = 120
+    found = detect(image)
+    # Half an ellipse tells its hidden side some ten times worse than a whole one.
+    assert nearest(found, ellipse) < 0.5
+    assert found[0].confidence < 0.5
+
+
+def test_soft_and_noisy_circles_are_found_in_the_reduced_image():
+    ellipse = np.array([200.0, 150.0, 60.0, 48.0, 30.0])
+    for blur_px, noise, paper in ((12.0, 2.0, 200.0), (0.5, 50.0, 140.0)):
+        image = cv2.GaussianBlur(
+            picture([(ellipse, 60.0)], WIDTH, HEIGHT, paper_dn=paper).astype(np.float64), (0, 0), blur_px
+        )
+        image += np.random.default_rng(3).normal(0, noise, image.shape)
+        found = detect(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+        # The curved edge's model is first order in the blur's variance over the size: 144 / 48 px, 2 % of it.
+        assert nearest(found, ellipse) < 1.0
+
+
+def test_thin_and_small():
+    """A circle of 9 px tilted by 70 degrees: 3 px across."""
+    for seed in range(4):
+        generator = np.random.default_rng(seed)
+        ellipse = np.array([*generator.uniform((140, 130), (260, 170)), 4.5, 1.6, generator.uniform(0, 180)])
+        found = detect(picture([(ellipse, 30.0)], WIDTH, HEIGHT, blur_px=0.3, noise_dn=1.0, seed=seed))
+        assert nearest(found, ellipse) < 0.3
+
+
+def test_a_hundred_circles():
+    generator = np.random.default_rng(5)
+    layers = []
+    for row in range(10):
+        for column in range(10):
+            centre = np.array([32.0 + 62 * column, 32.0 + 46 * row]) + generator.uniform(-3, 3, 2)
+            a = generator.uniform(5, 17)
+            layers.append((np.array([*centre, a, a * generator.uniform(0.5, 1), generator.uniform(0, 180)]), 30.0))
+    found = detect(many(layers, 640, 480))
+    assert len(found) == 100
+    assert max(nearest(found, ellipse) for ellipse, _ in layers) < 0.2
+    assert min(d.confidence for d in found) > 0.5
+
+
+def many(layers, width, height, noise=2.0):
+    """As `picture`, each ellipse drawn in its own neighbourhood."""
+    image = np.full((height, width), 200.0)
+    for ellipse, level in layers:
+        x, y = np.floor(ellipse[:2]).astype(int) - 24
+        local = ellipse - np.array([x, y, 0, 0, 0])
+        image[y : y + 48, x : x + 48] += (level - 200.0) * coverage(local, 48, 48, 0.5)[: height - y, : width - x]
+    image += np.random.default_rng(0).normal(0, noise, image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def polygon(corners, radius, turn_deg, centre=(100.0, 80.0), squeeze=1.0, size=(200, 160)):
+    """A regular polygon, squeezed as a tilt would: a picture with soft edges."""
+    t = np.radians(turn_deg) + 2 * np.pi * np.arange(corners) / corners
+    fine = 8
+    points = np.stack([centre[0] + radius * np.cos(t), centre[1] + squeeze * radius * np.sin(t)], axis=1)
+    big = np.full((size[1] * fine, size[0] * fine), 200, np.uint8)
+    cv2.fillPoly(big, [np.rint((points + 0.5) * fine - 0.5).astype(np.int32)], 30)
+    image = cv2.resize(big, size, interpolation=cv2.INTER_AREA).astype(float)
+    image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(1).normal(0, 2, image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 6, 8])
+def test_polygons_have_no_confidence(corners):
+    for radius in (8.0, 15.0, 30.0, 60.0):
+        for squeeze in (1.0, 0.6):
+            for detection in detect(polygon(corners, radius, 11.0, squeeze=squeeze)):
+                assert detection.confidence < 0.5
+
+
+def test_letters_have_no_confidence():
+    page = Image.new("L", (500, 420), 215)
+    y = 5
+    for size in (12, 16, 22, 30, 44, 64):
+        ImageDraw.Draw(page).text((8, y), "Quo vadis 0689 GOD", fill=30, font=ImageFont.load_default(size))
+        y += int(1.5 * size)
+    image = np.asarray(page) + np.random.default_rng(0).normal(0, 2, (420, 500))
+    sure = [d for d in detect(np.clip(np.rint(image), 0, 255).astype(np.uint8)) if d.confidence >= 0.5]
+    # The dot of the i and a counter of 7 px are as round as a circle can be at their size: of over a hundred letters.
+    assert len(sure) <= 6
+
+
+def test_confidence_of_a_whole_circle_is_one():
+    ellipse = np.array([200.4, 150.2, 30.0, 24.0, 20.0])
+    whole = picture([(ellipse, 30.0)], WIDTH, HEIGHT, blur_px=0.5, noise_dn=2.0)
+    assert detect(whole)[0].confidence > 0.95
+    hidden = whole.copy()
+    hidden[:, 212:] = 120
+    assert detect(hidden)[0].confidence < 0.7
+    faint = picture([(ellipse, 196.0)], WIDTH, HEIGHT, blur_px=0.5, noise_dn=2.0)
+    assert all(d.confidence < 0.8 for d in detect(faint))  # a step of two sigmas
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((1, 1), np.uint8),
+        np.full((40, 60), 128, np.uint8),
+        np.zeros((3, 400), np.uint8),
+        np.zeros((400, 3), np.uint16),
+        np.full((64, 64), 1e-9),
+        np.eye(64, dtype=np.uint8) * 255,
+        np.full((50, 50), 65535, np.uint16),
+        np.random.default_rng(0).integers(0, 256, (90, 120)).astype(np.int64),
+    ],
+)
+def test_nothing_to_find(image):
+    assert [d for d in detect(image) if d.confidence >= 0.5] == []
+
+
+def test_kinds_of_numbers():
+    ellipse = np.array([200.4, 150.2, 30.0, 24.0, 20.0])
+    image = picture([(ellipse, 30.0)], WIDTH, HEIGHT, blur_px=0.5, noise_dn=2.0)
+    for other, full_scale in (
+        (image.astype(np.uint16) * 257, 65535.0),
+        (image / 255.0, 1.0),
+        (image.astype(np.int32), 255.0),
+        (np.repeat(image, 2, axis=1)[:, ::2], 255.0),
+    ):
+        assert nearest(detect(other, full_scale), ellipse) < 0.05
+
+
+def test_huge_images_are_searched_reduced():
+    ellipse = np.array([3100.3, 2500.8, 130.0, 100.0, 30.0])
+    image = np.full((4200, 6000), 200, np.uint8)
+    image[2300:2700, 2900:3300] = picture([(ellipse - [2900, 2300, 0, 0, 0], 30.0)], 400, 400, blur_px=1.0)
+    found = detect(image)
+    assert len(found) == 1
+    assert nearest(found, ellipse) < 0.02  # measured in the whole image
+
+
 def test_pixels_without_shades():
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     for radius in (8, 20, 60):
@@ -149,3 +290,21 @@ def test_noise_is_measured():
     for sigma in (1.5, 4.0, 12.0):
         image = picture([(np.array([200.0, 150.0, 40.0, 33.0, 30.0]), 30.0)], WIDTH, HEIGHT, noise_dn=sigma)
         assert noise_dn(image) == pytest.approx(sigma, rel=0.05)  # 40,000 samples, their rounding, a median
+
+
+@pytest.mark.slow
+def test_the_detection_study(tmp_path):
+    """Two frames of each group of configs/detection.yaml, rendered: every marker is found, and with confidence."""
+    from roundel.render.run import render_study
+
+    text = (Path(__file__).resolve().parent.parent / "configs" / "detection.yaml").read_text(encoding="utf-8")
+    study = tmp_path / "study.yaml"
+    study.write_text(text.replace("frames: 16", "frames: 2"), encoding="utf-8")
+    dataset = render_study(study, tmp_path / "dataset")
+    keys = [f"ellipse_{k}" for k in ("x_px", "y_px", "a_px", "b_px", "angle_deg")]
+    for i, row in enumerate(dataset.truth.select(keys).to_pylist()):
+        truth = np.array([row[k] for k in keys])
+        found = detect(*dataset.images.linear_image(i))
+        assert nearest(found, truth) < 0.2, i  # the smallest is 8 px across; a wrong contour is off by pixels
+        best = min(found, key=lambda d: float(np.abs(d.edges.ellipse[:4] - truth[:4]).max()))
+        assert best.confidence > 0.5, i
