@@ -55,8 +55,11 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> floa
     return float(np.prod(parts))
 
 
-def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> bool:
-    """Whether a contour may be a circle at all; what is doubtful stays, with a low confidence."""
+def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough_px: float = 0.0) -> bool:
+    """Whether a contour may be a circle at all; what is doubtful stays, with a low confidence.
+
+    `rough_px` is what its points may be off because they have not settled.
+    """
     contrast, b, coverage = abs(edges.contrast_dn), float(edges.ellipse[3]), edges.coverage
     if not plausible(edges.ellipse, (10**9, 10**9)) or coverage < _MIN_COVERAGE:
         return False
@@ -76,7 +79,9 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float) -> bo
     allowed = 0.012 + 0.004 * b + 1.2e-4 * b * b + 0.08 * edges.blur_px**2 / b
     if aliased and edges.noise_dn > 0.06 * contrast:
         allowed = max(allowed, 0.26)  # the rounding of an edge to whole pixels
-    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(allowed, 1.5 * _expected_px(edges, noise))
+    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(
+        allowed + rough_px, 1.5 * _expected_px(edges, noise)
+    )
 
 
 def _expected_px(edges: EdgePoints, noise: float) -> float:

@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 _MIN_SUPPORT = 0.3  # of the contour that must show a step: a marker may be partly hidden
 _CONFIDENT = 0.5
 _MAX_PX = 16_000_000  # larger images are searched at a whole fraction of their size, and measured as they are
-_COARSE, _BETWEEN = 4, 2  # where the soft and the noisy are looked for: at a quarter always, at a half if need be
+_COARSE, _BETWEEN = 4, 2  # where the soft and the noisy are looked for, when there is nothing else
+_ROUGH_PX = 0.05  # how far off the points of a first look are
 _MIN_SIDE_PX = 24  # of a reduced image
 _PATIENCE = 48  # refinements in a row that come to nothing; what follows them has less evidence still
 
@@ -67,7 +68,7 @@ class _Level:
     noise: float
 
 
-def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]:
+def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = True) -> list[Detection]:
     """Find the circles of a grey image.
 
     Parameters
@@ -75,6 +76,8 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
     image : (H, W) array
     full_scale_dn : float
         The level at which its pixels saturate.
+    polish : bool
+        Settle the edge points, see `edge_points`; `fit_pixels` can do without.
 
     Returns
     -------
@@ -86,7 +89,7 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
     found: list[_Contour] = []
     ellipses: list[Array] = []
     for factor in (first, _COARSE * first, _BETWEEN * first):
-        if factor == _BETWEEN * first and any(c.confidence >= _CONFIDENT for c in found):
+        if any(c.confidence >= _CONFIDENT for c in found):
             break
         if factor > 1 and min(image.shape) < _MIN_SIDE_PX * factor:
             continue
@@ -98,7 +101,7 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0) -> list[Detection]
         # EdgeDrawing's ellipses come last, and only where there is nothing like them: the others lie closer.
         for candidates, near in ((from_segments(segments, grey.shape), 0.05), (own, 0.2)):
             likely = [c for c in candidates if plausible(c, grey.shape)]
-            _refine(_Level(level, factor, noise), image, likely, near, full_scale_dn, found)
+            _refine(_Level(level, factor, noise), image, likely, near, full_scale_dn, polish, found)
     return _group(found, ellipses)
 
 
@@ -108,6 +111,7 @@ def _refine(
     candidates: list[Array],
     near: float,
     full_scale_dn: float,
+    polish: bool,
     found: list[_Contour],
 ) -> None:
     """Add the candidates that are circles to what is found, each once; `near`, of b, is no other contour."""
@@ -126,26 +130,34 @@ def _refine(
         ):
             continue
         tried.append((float(polarity[i]), candidate))
-        contour = _measured(level, image, candidates[i], full_scale_dn)
+        contour = _measured(level, image, candidates[i], full_scale_dn, polish)
         failures = 0 if contour else failures + 1
         if contour and not any(_alike(contour.edges.ellipse, c.edges.ellipse, 0.5 * level.factor) for c in found):
             found.append(contour)
             tried.append((float(np.sign(contour.edges.contrast_dn)), contour.edges.ellipse))
 
 
-def _measured(level: _Level, image: NDArray[Any], candidate: Array, full_scale_dn: float) -> _Contour | None:
+def _measured(
+    level: _Level, image: NDArray[Any], candidate: Array, full_scale_dn: float, polish: bool
+) -> _Contour | None:
     """The contour at a candidate of a level: as the whole image shows it, or where it does not, as the level does."""
-    there = _judged(edge_points(level.image, candidate, full_scale_dn, polish=False), level.noise, full_scale_dn)
+    there = _judged(level.image, candidate, level.noise, full_scale_dn, polish)
     if there is None or level.factor == 1:
         return there
     there = _Contour(enlarged(there.edges, level.factor), there.confidence)
-    here = _judged(edge_points(image, there.edges.ellipse, full_scale_dn, polish=False), noise_dn(image), full_scale_dn)
+    here = _judged(image, there.edges.ellipse, noise_dn(image), full_scale_dn, polish)
     return here if here and here.confidence >= min(there.confidence, _CONFIDENT) else there
 
 
-def _judged(edges: EdgePoints | FailedFit, noise: float, full_scale_dn: float) -> _Contour | None:
-    if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn):
+def _judged(image: NDArray[Any], candidate: Array, noise: float, full_scale_dn: float, polish: bool) -> _Contour | None:
+    # Most candidates are nothing, and a first look tells them.
+    edges = edge_points(image, candidate, full_scale_dn, polish=False)
+    if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn, _ROUGH_PX if polish else 0.0):
         return None
+    if polish:
+        edges = edge_points(image, edges.ellipse, full_scale_dn)
+        if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn):
+            return None
     return _Contour(edges, confidence_of(edges, noise, full_scale_dn))
 
 
