@@ -96,10 +96,15 @@ def from_segments(segments: list[Array], shape: tuple[int, ...]) -> list[Array]:
             rest.append(points)
         else:
             out.append(_grown(ellipse, points, everything, shape))
-    for points in arcs_of(rest):
-        ellipse = _of_points(points, shape)
-        if ellipse is not None:
-            out.append(_grown(ellipse, points, everything, shape))
+    for arc in arcs_of(rest):
+        # What goes on without a corner into something else is an arc in one of its halves.
+        half = len(arc) // 2
+        for points in (arc, arc[:half], arc[half:]):
+            ellipse = _of_points(points, shape)
+            if ellipse is not None:
+                out.append(_grown(ellipse, points, everything, shape))
+            if ellipse is not None and points is arc or half < 2 * _MIN_SEGMENT_POINTS:
+                break
     return out
 
 
