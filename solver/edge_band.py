@@ -130,6 +130,12 @@ def within(band: Band, reach: tuple[float, float]) -> Band:
     return replace(kept(band, keep), expected=band.expected * min(span, 1.0))
 
 
+def by_sector(band: Band) -> Band:
+    """The same pixels, those of a sector together, sectors in order."""
+    order = np.argsort(band.sector, kind="stable")
+    return replace(band, **{name: getattr(band, name).take(order, axis=0) for name in _OF_A_PIXEL})
+
+
 def kept(band: Band, keep: NDArray[np.bool_]) -> Band:
     """Some of a band's pixels."""
     index = np.flatnonzero(keep)  # counted once, not for each of the arrays

@@ -32,6 +32,7 @@ from roundel.solver.edge_band import (
     PLATEAU_PX,
     Band,
     band_around,
+    by_sector,
     reach_of,
     sector_centres,
     shape_jacobian,
@@ -48,7 +49,7 @@ _LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to 
 _MAX_ROUNDS = 6
 _SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
 _CLOSE_PX, _CLOSE = 1.0, 0.07  # a step is small below these: in px, and of the semi-minor axis
-_FIRST_STEPS, _STEPS = 4, 3
+_FIRST_STEPS, _STEPS, _LAST_STEPS = 4, 3, 3
 _SATURATED = 254.5 / 255.0  # of the full scale
 _SATURATED_STEPS = 12
 _FIT_TOLERANCE = 1e-5  # of the size: the points move more than that in the next round
@@ -123,11 +124,11 @@ def edge_points(
         reach = reach_of(band)
         if isinstance(reach, FailedFit):
             return reach
-        band = within(band, reach)
+        band = by_sector(within(band, reach))
         if len(band.value) < 2 * count:
             return FailedFit("no edge with flat sides along the contour")
         limits = (reach[0] - PLATEAU_PX, reach[1] + PLATEAU_PX)
-        offsets = _offsets(band, variance, full_scale_dn, first)
+        offsets = _offsets(band, variance, full_scale_dn, first, _FIRST_STEPS if first else _STEPS)
         feet, normals, u = sector_centres(current, count)
         jacobian, moved_by = shape_jacobian(normals, u), np.zeros(5)
         if first or not polish:
@@ -139,7 +140,7 @@ def edge_points(
             if not polish and float(np.max(np.abs(jacobian @ step))) < close:
                 # So small a step moves distances linearly, to its square over twice the radius of curvature.
                 band = replace(band, distance=band.distance + shape_jacobian(band.normal, band.u) @ step)
-                offsets = _offsets(band, offsets.variance, full_scale_dn, False)
+                offsets = _offsets(band, offsets.variance, full_scale_dn, False, _LAST_STEPS)
                 step = _linear_fit(offsets, jacobian, math.inf)
                 if isinstance(step, FailedFit):
                     return step
@@ -229,10 +230,11 @@ def _found(ellipse: Array, points: Array, offsets: _Offsets, reach: tuple[float,
     good = offsets.good
     # Sectors count from the ellipse's own axis, and that of a near circle may have turned: to each of its sectors the
     # nearest of those that were measured.
-    mine = sector_centres(ellipse, len(good))[0] - ellipse[:2]
-    old = feet - ellipse[:2]
-    turn = np.mod(np.arctan2(mine[:, 1], mine[:, 0])[:, None] - np.arctan2(old[:, 1], old[:, 0]) + np.pi, 2 * np.pi)
-    trusted = good[np.argmin(np.abs(turn - np.pi), axis=1)]
+    mine, old = (np.arctan2(*(p - ellipse[:2]).T[::-1]) for p in (sector_centres(ellipse, len(good))[0], feet))
+    mine, old = np.mod(mine - old[0], 2 * np.pi), np.mod(old - old[0], 2 * np.pi)
+    nearest = np.searchsorted((old[1:] + old[:-1]) / 2, mine)
+    nearest[mine > (old[-1] + 2 * np.pi) / 2] = 0
+    trusted = good[nearest]
     return EdgePoints(
         points[good],
         offsets.sigma[good],
@@ -262,21 +264,24 @@ class _Offsets:
     noise_dn: float
 
 
-def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool) -> _Offsets:
+def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, steps: int) -> _Offsets:
     sector, count, value = band.sector, band.count, band.value
+    filled, starts = np.unique(sector, return_index=True)  # the pixels come sorted by sector
 
-    def total(weight: Array) -> Array:
-        return np.asarray(np.bincount(sector, weight, minlength=count), dtype=np.float64)
+    def total(*weights: Array) -> Array:
+        """Sums of the pixels of each sector, (number of weights, count)."""
+        sums = np.zeros((len(weights), count))
+        sums[:, filled] = np.add.reduceat(np.stack(weights), starts, axis=1)
+        return sums
 
     delta = np.zeros(count)
     window = min(max(1, round(_LEVEL_WINDOW_PX / _SECTOR_PX)), (count - 1) // 4)
-    size = total(np.ones_like(value))
+    size = np.bincount(sector, minlength=count)
     # In the first round the contour is too rough to tell what lies beyond the full scale, and in pixels without shades
     # (an edge should have one a px) nothing can.
     low, high = float(value.min()), float(value.max())
     shades = np.count_nonzero((value > low + 0.05 * (high - low)) & (value < high - 0.05 * (high - low)))
     saturated = (value >= full_scale_dn * _SATURATED) & (not first and shades > 0.2 * count * _SECTOR_PX)
-    steps = _FIRST_STEPS if first else _STEPS
     if np.mean(saturated) > 0.1:
         # Levels, offsets and blur are then tied to one another: they settle slowly, and take the whole contour to tell.
         steps, window = _SATURATED_STEPS, (count - 1) // 2
@@ -295,11 +300,11 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool) -> 
         # Grey levels: least squares in (inside, outside), the normal equations summed over the neighbouring sectors;
         # the offset of each sector is eliminated before (Schur complement).
         p, q, v = seen * (1 - t), seen * t, seen * value
-        lean_p, lean_q, lean_v = (total(lean * column) for column in (p, q, v))
-        a11, a22 = total(p * p) - lean_p**2 * inverse, total(q * q) - lean_q**2 * inverse
-        a12 = total(p * q) - lean_p * lean_q * inverse
-        b1, b2 = total(p * v) - lean_p * lean_v * inverse, total(q * v) - lean_q * lean_v * inverse
-        a11, a12, a22, b1, b2 = (_around(entry, window) for entry in (a11, a12, a22, b1, b2))
+        lean_p, lean_q, lean_v, pp, qq, pq, pv, qv = total(
+            lean * p, lean * q, lean * v, p * p, q * q, p * q, p * v, q * v
+        )
+        known = inverse * np.stack([lean_p**2, lean_q**2, lean_p * lean_q, lean_p * lean_v, lean_q * lean_v])
+        a11, a22, a12, b1, b2 = _around(np.stack([pp, qq, pq, pv, qv]) - known, window)
         determinant = np.maximum(a11 * a22 - a12**2, 1e-9 * (a11 + a22) ** 2 + 1e-12)
         inside, outside = (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
         height = outside - inside
@@ -307,15 +312,16 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool) -> 
         # A saturated pixel says no more than "at least this".
         seen = np.where(saturated & (predicted >= full_scale_dn), 0.0, 1.0)
         residual = seen * (value - predicted)
-        lean = seen * height[sector] * slope
-        information = total(lean**2)
+        step_dn = seen * height[sector]
+        lean = step_dn * slope
+        # The blur's variance: dT / d(b^2) = T'' / 2, the heat equation.
+        widen = step_dn * bend / 2
+        information, pushed, widened = total(lean**2, lean * residual, lean * widen)
         usable = information > 1e-12 * float(np.max(information, initial=0.0))
         inverse = np.where(usable, 1.0 / np.where(usable, information, 1.0), 0.0)
-        delta -= np.clip(total(lean * residual) * inverse, -1.0, 1.0)
-        # The blur's variance: dT / d(b^2) = T'' / 2, the heat equation.
+        delta -= np.clip(pushed * inverse, -1.0, 1.0)
         # Its part that offsets explain is theirs.
-        widen = seen * height[sector] * bend / 2
-        widen -= lean * (total(lean * widen) * inverse)[sector]
+        widen -= lean * (widened * inverse)[sector]
         power = float(np.sum(widen**2))
         change = float(np.sum(widen * residual)) / power if power > 0 else 0.0
         variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
@@ -323,7 +329,7 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool) -> 
     strong = upper if upper >= -lower else lower
     if abs(contrast) < 0.3 * abs(strong):  # half of the contour or more: the median is what hides it
         contrast = strong
-    spread = np.sqrt(total(residual**2) / np.maximum(size, 1.0))
+    spread = np.sqrt(total(residual**2)[0] / np.maximum(size, 1))
     good = (
         usable
         & (height * np.sign(contrast) > 0.35 * abs(contrast))
@@ -344,6 +350,9 @@ def _gaussian_step(z: Array, variance: float) -> tuple[Array, Array, Array]:
 
 
 def _around(values: Array, window: int) -> Array:
-    """Sum over the `window` neighbours on either side, around the closed contour."""
-    wrapped = np.concatenate([values[-window:], values, values[:window]])
-    return np.asarray(np.convolve(wrapped, np.ones(2 * window + 1), mode="valid"))
+    """Sums (k, count) over the `window` neighbours on either side, around the closed contour."""
+    wrapped = np.concatenate([values[:, -window:], values, values[:, :window]], axis=1)
+    ends = np.cumsum(wrapped, axis=1)
+    sums = ends[:, 2 * window :].copy()
+    sums[:, 1:] -= ends[:, : -2 * window - 1]
+    return sums
