@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT, FOCAL_PX = 1280, 720, 1016.0
 RADIUS_M = 0.5  # a diameter of one: distances are in diameters
 FOCAL_SIGMA, PRINCIPAL_SIGMA_PX = 0.115, 20.0
+FINE = 4  # points a pixel and side of the grid on which images are drawn and blurred
 
 KINDS = (
     "same_or_opposite_side_default",
@@ -185,20 +186,20 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
     shift = np.array([*corner, 0, 0, 0])
     size = int(2 * outer[2] + 25)
     contrast = float(generator.uniform(80, 180))
-    layers = -contrast * coverage(outer - shift, size)
+    ideal = -contrast * coverage(outer - shift, size)
     mark: Any
     if kind.startswith(("centre_dot", "inner_ring")):
         ratio = float(generator.uniform(0.15, 0.3) if kind.startswith("centre_dot") else generator.uniform(0.4, 0.65))
         inner = ellipse_of_conic(conic_of_circle(pose, ratio * RADIUS_M, k))
         if inner[3] < 1.5:
             return None
-        layers += contrast * coverage(inner - shift, size)
+        ideal += contrast * coverage(inner - shift, size)
         mark = ConcentricCircle(ratio)
     else:
         reflectance = tick if kind.startswith("tick") else patches
-        layers += contrast * printed(reflectance, pose, k, corner, size)
+        ideal += contrast * printed(reflectance, pose, k, corner, size)
         mark = PATTERNS[reflectance]
-    image = exposed(210.0 + layers, (2.0, 12.0) if far else (0.5, 4.0), generator)
+    image = exposed(210.0 + ideal, (2.0, 12.0) if far else (0.5, 4.0), generator)
     around = edge_points(image, outer - shift + np.array([*generator.normal(0, 0.3, 2), 0, 0, 0]))
     if isinstance(around, FailedFit):
         return None
@@ -232,27 +233,30 @@ PATTERNS = {tick: pattern_of(tick), patches: pattern_of(patches)}
 
 
 def printed(reflectance: Any, pose: Array, k: Array, corner: Array, size: int) -> Array:
-    """Mean reflectance (size, size) of each pixel, by 89 points of a Fibonacci lattice; true pose and camera."""
+    """Reflectance over the finer grid, each cell by 5 points; true pose and camera."""
     n, c = pose[:3, 2], pose[:3, 3]
-    v, u = np.mgrid[:size, :size] + corner[::-1, None, None]
-    total = np.zeros((size, size))
-    for i in range(89):
-        du, dv = (i + 0.5) / 89 - 0.5, (i * 55 % 89 + 0.5) / 89 - 0.5
-        rays = np.stack([(u + du - k[0, 2]) / k[0, 0], (v + dv - k[1, 2]) / k[1, 1], np.ones((size, size))], axis=-1)
+    at = (np.arange(FINE * size) + 0.5) / FINE - 0.5
+    total = np.zeros((FINE * size, FINE * size))
+    for i in range(5):
+        du, dv = ((i + 0.5) / 5 - 0.5) / FINE, ((2 * i % 5 + 0.5) / 5 - 0.5) / FINE
+        u, v = np.meshgrid(at + corner[0] + du, at + corner[1] + dv)
+        rays = np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones_like(u)], axis=-1)
         points = rays * (n @ c / (rays @ n))[..., None] - c
         total += reflectance(points @ pose[:3, 0] / RADIUS_M, points @ pose[:3, 1] / RADIUS_M)
-    return total / 89
+    return total / 5
 
 
-def exposed(image: Array, noise_dn: tuple[float, float], generator: np.random.Generator) -> NDArray[np.uint8]:
-    """What a camera makes of ideal pixels: blurred (a point spread of its own after the pixels), noisy, 8 bit."""
-    image = gaussian_filter(image, generator.uniform(0.3, 1.0), mode="nearest")
+def exposed(ideal: Array, noise_dn: tuple[float, float], generator: np.random.Generator) -> NDArray[np.uint8]:
+    """What a camera makes of the finer grid: blurred, averaged over each pixel, noisy, 8 bit."""
+    size = len(ideal) // FINE
+    soft = gaussian_filter(ideal, FINE * generator.uniform(0.3, 1.0), mode="nearest")
+    image = soft.reshape(size, FINE, size, FINE).mean(axis=(1, 3))
     image += generator.normal(0.0, generator.uniform(*noise_dn), image.shape)
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def coverage(ellipse: Array, size: int) -> Array:
-    """Fraction (size, size) of each pixel inside an ellipse."""
+    """Fraction of each cell of the finer grid inside an ellipse, to 1/24 px of the edge."""
     angle = np.radians(ellipse[4])
     c, s = np.cos(angle), np.sin(angle)
 
@@ -260,11 +264,12 @@ def coverage(ellipse: Array, size: int) -> Array:
         dx, dy = x - ellipse[0], y - ellipse[1]
         return np.asarray(((c * dx + s * dy) / ellipse[2]) ** 2 + ((c * dy - s * dx) / ellipse[3]) ** 2)
 
-    y, x = np.mgrid[:size, :size].astype(np.float64)
+    at = (np.arange(FINE * size) + 0.5) / FINE - 0.5
+    x, y = np.meshgrid(at, at)
     radius = np.sqrt(radius2(x, y))
-    cut = np.abs(radius - 1.0) <= 0.75 / ellipse[3]
+    cut = np.abs(radius - 1.0) <= 0.75 / FINE / ellipse[3]
     out = np.where(cut, 0.0, (radius < 1.0).astype(np.float64))
-    step = (np.arange(12) + 0.5) / 12 - 0.5
+    step = ((np.arange(6) + 0.5) / 6 - 0.5) / FINE
     oy, ox = np.meshgrid(step, step, indexing="ij")
     out[cut] = np.mean(radius2(x[cut][:, None] + ox.ravel(), y[cut][:, None] + oy.ravel()) < 1.0, axis=1)
     return out

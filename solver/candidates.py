@@ -39,12 +39,12 @@ def noise_dn(image: NDArray[Any]) -> float:
     rows = top - 2 * middle + bottom
     second = rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:]
     size = np.abs(second)
-    middle = float(np.median(size))
-    if np.issubdtype(image.dtype, np.integer) and middle >= 1.0:
+    median = float(np.median(size))
+    if np.issubdtype(image.dtype, np.integer) and median >= 1.0:
         # Whole numbers: the median lies somewhere within the half level to either side of its own.
-        below, at = float(np.mean(size < middle)), float(np.mean(size == middle))
-        middle += (0.5 - below) / at - 0.5 if at > 0 else 0.0
-    return middle * 1.4826 / 6.0  # the mask's weights have the norm 6
+        below, at = float(np.mean(size < median)), float(np.mean(size == median))
+        median += (0.5 - below) / at - 0.5 if at > 0 else 0.0
+    return median * 1.4826 / 6.0  # the mask's weights have the norm 6
 
 
 def grey_8bit(image: NDArray[Any]) -> tuple[NDArray[np.uint8], float]:
@@ -103,7 +103,7 @@ def from_segments(segments: list[Array], shape: tuple[int, ...]) -> list[Array]:
             ellipse = _of_points(points, shape)
             if ellipse is not None:
                 out.append(_grown(ellipse, points, everything, shape))
-            if ellipse is not None and points is arc or half < 2 * _MIN_SEGMENT_POINTS:
+            if (ellipse is not None and points is arc) or half < 2 * _MIN_SEGMENT_POINTS:
                 break
     return out
 

@@ -27,6 +27,7 @@ _SIGNAL = 20.0
 _BLUR = 12.5
 
 _MIN_COVERAGE = 0.35
+_MIN_POINTS = 10  # fewer lie on an ellipse by chance
 _WHOLE = 0.55  # less than that is an arc, which must fit better
 _MIN_CONTRAST_DN = 2.5  # smooth light has contours of one step where it is rounded
 
@@ -42,11 +43,12 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> floa
     full_scale_dn : float
     """
     contrast, b, count = abs(edges.contrast_dn), float(edges.ellipse[3]), len(edges.points_px)
+    free = max(count - 5, 1)  # an ellipse takes five numbers away
     grain = max(noise, 1e-3 * full_scale_dn)  # rounding, in an image without noise
     expected2 = _expected_px(edges, noise) ** 2
-    residual2 = rms_distance(edges.ellipse, edges.points_px) ** 2
+    residual2 = rms_distance(edges.ellipse, edges.points_px) ** 2 * count / free
     # Two sigmas of what chance makes of the mean square of so many residuals.
-    bound = math.sqrt(max(0.0, residual2 - expected2) + 2.0 * expected2 * math.sqrt(2.0 / count))
+    bound = math.sqrt(max(0.0, residual2 - expected2) + 2.0 * expected2 * math.sqrt(2.0 / free))
     off = bound / b * math.exp(min(_BLUR * (edges.blur_px / b) ** 2, 20.0)) / _SHAPE
     misfit = math.sqrt(max(0.0, edges.noise_dn**2 - (1.3 * grain) ** 2)) / max(contrast, 1e-12) / _PIXELS
     seen = (edges.coverage - _NO_COVERAGE) / (_FULL_COVERAGE - _NO_COVERAGE)
@@ -61,7 +63,7 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough
     `rough_px` is what its points may be off because they have not settled.
     """
     contrast, b, coverage = abs(edges.contrast_dn), float(edges.ellipse[3]), edges.coverage
-    if not plausible(edges.ellipse, (10**9, 10**9)) or coverage < _MIN_COVERAGE:
+    if not plausible(edges.ellipse, (10**9, 10**9)) or coverage < _MIN_COVERAGE or len(edges.points_px) < _MIN_POINTS:
         return False
     if contrast < max(_MIN_CONTRAST_DN * min(full_scale_dn / 255.0, 1.0), noise):
         return False

@@ -26,6 +26,7 @@ _MIN_SUPPORT = 0.3  # of the contour that must show a step: a marker may be part
 _CONFIDENT = 0.5
 _MAX_PX = 16_000_000  # larger images are searched at a whole fraction of their size, and measured as they are
 _COARSE, _BETWEEN = 4, 2  # where the soft and the noisy are looked for, when there is nothing else
+_CLEAR = 8.0  # a contrast of so many sigmas is seen without averaging
 _ROUGH_PX = 0.05  # how far off the points of a first look are
 _MIN_SIDE_PX = 24  # of a reduced image
 _PATIENCE = 48  # refinements in a row that come to nothing; what follows them has less evidence still
@@ -68,7 +69,7 @@ class _Level:
     noise: float
 
 
-def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = True) -> list[Detection]:
+def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = False) -> list[Detection]:
     """Find the circles of a grey image.
 
     Parameters
@@ -77,7 +78,8 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = Tru
     full_scale_dn : float
         The level at which its pixels saturate.
     polish : bool
-        Settle the edge points, see `edge_points`; `fit_pixels` can do without.
+        Settle the edge points, see `edge_points`. Without, they are as good as deciding on them asks for: `fit_pixels`
+        starts from them, other fits want them found again.
 
     Returns
     -------
@@ -145,7 +147,10 @@ def _measured(
     if there is None or level.factor == 1:
         return there
     there = _Contour(enlarged(there.edges, level.factor), there.confidence)
-    here = _judged(image, there.edges.ellipse, noise_dn(image), full_scale_dn, polish)
+    noise = noise_dn(image)
+    here = _judged(image, there.edges.ellipse, noise, full_scale_dn, polish)
+    if there.edges.blur_px < level.factor and abs(there.edges.contrast_dn) > _CLEAR * noise:
+        return here  # neither soft nor noisy: what the whole image denies was only too coarse to be told
     return here if here and here.confidence >= min(there.confidence, _CONFIDENT) else there
 
 

@@ -92,11 +92,12 @@ def fit_detection(seen: Seen, detection: Detection, camera: Camera, method: str)
     """
     if method == "pixels":
         fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn)
-        return fit if fit else fit_points(detection.edges.points_px, detection.edges.sigma_px, camera, "ml")
+        return fit if fit else fit_detection(seen, detection, camera, "ml")
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # A detection's points are as good as deciding on it asks for.
-    edges = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn) or detection.edges
+    settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
+    edges = detection.edges if isinstance(settled, FailedFit) else settled
     return fit_points(edges.points_px, edges.sigma_px, camera, method)
 
 

@@ -17,7 +17,17 @@ PYPROJECT = tomllib.loads((HOUSE / "pyproject.toml").read_text(encoding="utf-8")
 
 # What the solver may import; every other module of these rooms must be forbidden to it by name.
 SOLVER_MAY_SEE = {
-    "scenes": {"camera", "conic", "errors", "information", "lens_fisheye", "lens_opencv", "marker", "pose", "step_response"},
+    "scenes": {
+        "camera",
+        "conic",
+        "errors",
+        "information",
+        "lens_fisheye",
+        "lens_opencv",
+        "marker",
+        "pose",
+        "step_response",
+    },
     "datasets": {"files", "images"},  # files: names and the write protocol; it reads nothing
 }
 
