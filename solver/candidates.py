@@ -109,7 +109,7 @@ def from_segments(segments: list[Array], shape: tuple[int, ...]) -> list[Array]:
 
 
 def _of_points(points: Array, shape: tuple[int, ...]) -> Array | None:
-    if len(points) < _MIN_SEGMENT_POINTS or min(np.ptp(points, axis=0)) < 3.0:
+    if len(points) < _MIN_SEGMENT_POINTS or (points.max(axis=0) - points.min(axis=0)).min() < 3.0:
         return None
     # OpenCV's direct fit is fast and rough, which is right for thousands of segments.
     (x, y), (width, height), angle = cv2.fitEllipseDirect(points.astype(np.float32))
@@ -160,8 +160,8 @@ def _sampson(ellipse: Array, points: Array) -> Array:
 
 def plausible(ellipse: Array, shape: tuple[int, ...]) -> bool:
     """Whether a circle may look like this ellipse (5,) in an image of this shape."""
-    x, y, a, b, _ = (float(v) for v in ellipse)
-    if not np.all(np.isfinite(ellipse)):
+    x, y, a, b, angle = map(float, ellipse)
+    if not math.isfinite(x + y + a + b + angle):
         return False
     inside = -0.5 * a <= x <= shape[1] + 0.5 * a and -0.5 * a <= y <= shape[0] + 0.5 * a
     return (

@@ -71,7 +71,7 @@ class EdgePoints:
     blur_px : float
         Gaussian sigma of the blur, the pixel's aperture not included.
     contrast_dn : float
-        Median of outside minus inside: positive for dark on light.
+        Median of outside minus inside, where half of it is hidden or shaded the quartile: positive for dark on light.
     noise_dn : float
         RMS of what the model leaves of the pixels.
     coverage : float
@@ -327,12 +327,15 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, ste
         variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
     lower, contrast, upper = (float(v) for v in np.quantile(height, (0.25, 0.5, 0.75)))
     strong = upper if upper >= -lower else lower
-    if abs(contrast) < 0.3 * abs(strong):  # half of the contour or more: the median is what hides it
+    # Half of a contour or more may be hidden, without a step, or in a shadow, with a small one.
+    uneven = abs(contrast) < 0.3 * abs(strong)
+    least = 0.1 * abs(strong) if uneven else 0.35 * abs(contrast)
+    if uneven:
         contrast = strong
     spread = np.sqrt(total(residual**2)[0] / np.maximum(size, 1))
     good = (
         usable
-        & (height * np.sign(contrast) > 0.35 * abs(contrast))
+        & (height * np.sign(contrast) > least)
         & (size > 0.6 * band.expected)
         & (np.abs(delta) < 2.5)
         & (spread <= max(4.0 * float(np.median(spread)), 0.05 * abs(contrast)))

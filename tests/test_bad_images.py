@@ -73,7 +73,9 @@ def test_shapes_that_are_no_image(shape):
     assert str(shape) in refusal(np.zeros(shape, np.uint8), 0.1)
 
 
-@pytest.mark.parametrize("thing", [None, "photo.png", 3, np.uint8(3), object()], ids=repr)
+@pytest.mark.parametrize(
+    "thing", [None, "photo.png", 3, np.uint8(3), object()], ids=["nothing", "text", "number", "scalar", "object"]
+)
 def test_things_that_are_no_image(thing):
     assert "an image" in refusal(thing, 0.1)
 
