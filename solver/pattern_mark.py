@@ -86,12 +86,15 @@ def pattern_of(
         Takes X and Y (arrays, in outer radii; X right, Y up), returns reflectances of the same shape.
     name : str
     size : int
-        Cells a side; each is the mean of 16 points.
+        Cells a side; each is the mean of 34 points.
     """
-    at = ((np.arange(4 * size) + 0.5) / (2 * size)) - 1.0
-    x, y = np.meshgrid(at, -at)
-    fine = np.broadcast_to(np.asarray(reflectance(x, y), dtype=np.float64), x.shape)
-    return Pattern(fine.reshape(size, 4, size, 4).mean(axis=(1, 3)), name)
+    # A Fibonacci lattice: edges along the axes, too, are known to a 34th of a cell.
+    total = np.zeros((size, size))
+    for i in range(34):
+        at = np.arange(size) * (2.0 / size) - 1.0
+        x, y = np.meshgrid(at + (i + 0.5) / 34 * (2.0 / size), -at - ((21 * i) % 34 + 0.5) / 34 * (2.0 / size))
+        total += np.asarray(reflectance(x, y), dtype=np.float64)
+    return Pattern(total / 34, name)
 
 
 def pattern_of_shapes(
