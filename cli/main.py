@@ -108,7 +108,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--knowledge",
         metavar="WORDS",
         help="what is known of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO, tick; several joined by + (default: none, both poses are equally likely)",
+        "circle:RATIO; several joined by + (default: none, both poses are equally likely)",
     )
 
     validate = verb("validate", "score estimates against the truth")

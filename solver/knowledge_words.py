@@ -18,7 +18,7 @@ from roundel.solver.side_rule import SideRule
 from roundel.solver.sighting import Evidence
 
 _PLACES: dict[str, Callable[..., Evidence]] = {"floor": on_floor, "ceiling": on_ceiling, "wall": on_wall}
-_MARKS: tuple[str, ...] = ("circle", "tick")
+_MARKS: tuple[str, ...] = ("circle",)
 _WORDS = ("none", *KNOWLEDGE, "normal", *_PLACES, *_MARKS)
 
 
@@ -31,7 +31,6 @@ def parse_knowledge(text: str) -> Knowledge:
     - `floor`, `ceiling`, `wall`, each with `[:GX,GY,GZ][:SPREAD_DEG]`: gravity in the camera frame; left out, the image
       is upright (floor, ceiling) or the camera level (wall)
     - `circle:RATIO`: a dot or the inner edge of a ring, its diameter as a fraction of the outer one
-    - `tick`: the orientation tick of the marker `disc_with_tick`
 
     Raises
     ------
@@ -63,8 +62,6 @@ def _piece(text: str) -> Evidence:
             return _PLACES[name](gravity, *[_number(text, value) for value in rest])
     if name == "circle" and len(values) == 1:
         return ConcentricCircle(_number(text, values[0]))
-    if name == "tick" and not values:
-        return orientation_tick()
     if name in _WORDS:
         form = {
             "normal": "normal:X,Y,Z or normal:X,Y,Z:SPREAD_DEG",

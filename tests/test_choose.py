@@ -298,8 +298,6 @@ def test_words():
     assert (upright.toward.tolist(), upright.spread_deg) == ([0, 1, 0], 7.0)
     (wall,) = parse_knowledge("wall")
     assert wall.axis.tolist() == [0, 1, 0]
-    (tick,) = parse_knowledge("tick")
-    assert tick.name == "orientation tick"
 
 
 @pytest.mark.parametrize(
