@@ -11,7 +11,8 @@ import pyarrow as pa
 import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
-from roundel.validate.figures import inlined, pictures
+from roundel.validate.drawing import inlined
+from roundel.validate.figures import pictures
 from roundel.validate.records import read_runs
 from roundel.validate.scores import score
 from roundel.validate.summary import grid_of

@@ -1,12 +1,10 @@
 """Figures as SVG: the paper's figure from a table of scores.
 
-Every figure is inlined into the report and coloured by it: text, grid and curves carry CSS variables, so that one
-figure serves light and dark. Text stays text, in the reader's own font. The bytes depend on the scores alone.
+The bytes depend on the scores alone.
 """
 
 from __future__ import annotations
 
-import io
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -15,28 +13,20 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.validate.drawing import Picture, colour, draw_svg, marker
 from roundel.validate.summary import column, grid_of, intrinsics_rank, is_right
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-
-# Colours that stand for CSS variables: matplotlib wants a colour, and writes it as lower-case hex.
-INK, GRID = "#010203", "#040506"
-
-# Okabe and Ito's palette, which the colour-blind tell apart, without its yellow, which white paper swallows.
-# Each stands for --curve-0 ... in the style sheet, which lightens them for the dark; markers differ as well.
-CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 # Twice the standard error: 95 % of a mean's error where a cell has enough frames for a normal law.
 _BAND = 1.96
 _MIN_FOR_BAND = 5
 
 
-# Three panels fill the report's column.
-_PX_PER_PT = 1.6
 # Of more than this nothing could be read: every frame is a dot then.
 _MAX_PANELS = 6
 
@@ -54,15 +44,6 @@ ROWS = (
     Row("oracle_position_error_D", "position [D]"),
     Row("oracle_reprojection_error_px", "reprojection [px]"),
 )
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure: its SVG, for inlining, and what it shows in words."""
-
-    name: str
-    caption: str
-    svg: str
 
 
 def pictures(table: pa.Table) -> list[Picture]:
@@ -97,40 +78,13 @@ def pictures(table: pa.Table) -> list[Picture]:
 
 
 def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
-    import matplotlib as mpl
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
+    panels = 1 if grid is None else len(grid[1])
+    # One panel a row would be a tall strip: the three errors then stand side by side.
+    shape = (1, len(ROWS)) if panels == 1 else (len(ROWS), panels)
+    labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
 
-    settings: Any = {
-        "svg.hashsalt": name,
-        "svg.fonttype": "none",
-        "font.size": 9,
-        "axes.edgecolor": GRID,
-        "axes.labelcolor": INK,
-        "axes.titlesize": 9,
-        "axes.titlecolor": INK,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "grid.color": GRID,
-        "grid.linewidth": 0.5,
-        "xtick.color": GRID,
-        "ytick.color": GRID,
-        "xtick.labelcolor": INK,
-        "ytick.labelcolor": INK,
-        "xtick.minor.visible": False,
-        "text.color": INK,
-        "legend.frameon": False,
-    }
-    with mpl.rc_context(settings):
-        panels = 1 if grid is None else len(grid[1])
-        # One panel a row would be a tall strip: the three errors then stand side by side.
-        shape = (1, len(ROWS)) if panels == 1 else (len(ROWS), panels)
-        figure = Figure(figsize=(max(3.0 * shape[1], 6.0), 2.1 * shape[0] + 0.7), layout="constrained")
-        FigureCanvasSVG(figure)
+    def draw(figure: Figure) -> None:
         axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
-        labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
         for r, row in enumerate(ROWS):
             for p in range(panels):
                 at = axes[0, r] if panels == 1 else axes[r, p]
@@ -150,9 +104,8 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
         names = [label for label in labels if label in by_name]
         handles = [by_name[label] for label in names]
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5))
-        sink = io.StringIO()
-        figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return inlined(sink.getvalue(), name, title)
+
+    return draw_svg(name, title, (max(3.0 * shape[1], 6.0), 2.1 * shape[0] + 0.7), draw)
 
 
 def _scale(axes: Axes) -> None:
@@ -180,8 +133,8 @@ def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances:
         enough = np.array([len(cell) >= _MIN_FOR_BAND for cell in cells])
         half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
         low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
-        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=_colour(i), alpha=0.13, lw=0)
-        axes.plot(distances, mean, color=_colour(i), marker=_marker(i), ms=3.5, lw=1.4, label=label)
+        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=colour(i), alpha=0.13, lw=0)
+        axes.plot(distances, mean, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=label)
 
 
 def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
@@ -193,41 +146,8 @@ def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
         # 500 dots say all that dots can say; more would only make the file large.
         step = max(1, len(x) // 500)
         size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
-        axes.plot(x[::step], y[::step], ls="none", marker=_marker(i), ms=size, mew=0, color=_colour(i), alpha=alpha)
+        axes.plot(x[::step], y[::step], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
         bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
         line = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
         # Even without a line the legend needs its entry.
-        axes.plot(*line, color=_colour(i), marker=_marker(i), ms=4, lw=1.4, label=label)
-
-
-def _colour(i: int) -> str:
-    return CURVES[i % len(CURVES)]
-
-
-def _marker(i: int) -> str:
-    return MARKERS[i % len(MARKERS)]
-
-
-def inlined(svg: str, name: str, title: str) -> str:
-    """An SVG file of matplotlib's as an element for HTML: coloured by CSS, own ids, a label for screen readers."""
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
-    svg = re.sub(r"\s*\n\s*", "\n", svg)
-    svg = re.sub(r' xmlns:xlink="[^"]*"', "", svg).replace("xlink:href", "href")
-    # Figures on one page must not share ids.
-    svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
-    svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
-    svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
-    colours: dict[str, Any] = {INK: "var(--ink)", GRID: "var(--grid)"}
-    colours |= {colour: f"var(--curve-{i})" for i, colour in enumerate(CURVES)}
-    for colour, variable in colours.items():
-        svg = svg.replace(colour, variable)
-    # A hundredth of a point is below any pixel, and half the file.
-    svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
-    # As wide as the page allows, up to where the letters of all figures are alike; the view box keeps the shape.
-    width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', svg)
-    widest = f"{_PX_PER_PT * float(width[1]):.0f}px" if width else "100%"
-    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', rf'\1 style="max-width: {widest}"', svg, count=1)
-    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
-    text = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    return svg.replace("<svg", f'<svg class="figure" role="img" aria-label="{text}"', 1).strip()
+        axes.plot(*line, color=colour(i), marker=marker(i), ms=4, lw=1.4, label=label)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from roundel.datasets.fidelity_summary import fidelity_lines
-from roundel.validate.figures import Picture
+from roundel.validate.drawing import Picture
 from roundel.validate.narrative import commands, intrinsics_in_words, main_run, sentences
 from roundel.validate.overlays import Overlay
 from roundel.validate.reference import METHOD as CHESSBOARD
