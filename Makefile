@@ -10,7 +10,7 @@ ROOMS = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo test test-slow check links bench bench-env bench-solver peers-env fuzz fuzz-env clean distclean
+.PHONY: help env demo test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env fuzz fuzz-env clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -37,6 +37,15 @@ test: env ## the tests, without those marked slow
 test-slow: env ## only the tests marked slow
 	$(BIN)/python -m pytest -m slow $(PYTEST_FLAGS)
 
+# What decides whether a number is right; 95 % of its branches are asked for.
+SCORED = metrics symmetry intervals run_statistics comparisons paired scores sweeps bounds matching targets summary
+coverage: env ## branch coverage of the code that scores, by its own tests
+	$(BIN)/python -m coverage run --branch --data-file=.coverage \
+	    --include="$$(printf 'validate/%s.py,' $(SCORED))" -m pytest -m 'not slow' -q $(PYTEST_FLAGS) \
+	    tests/test_metrics.py tests/test_symmetry.py tests/test_intervals.py tests/test_run_statistics.py \
+	    tests/test_paired.py tests/test_scores.py tests/test_sweeps.py tests/test_bounds.py tests/test_report.py
+	$(BIN)/python -m coverage report --data-file=.coverage --show-missing --fail-under=95
+
 check: env links ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -48,6 +57,10 @@ links:
 	@mkdir -p .links/roundel
 	@for room in $(ROOMS); do [ -L .links/roundel/$$room ] || ln -s ../../$$room .links/roundel/$$room || exit 1; done
 
+gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet
+	$(BIN)/roundel run configs/benchmark.yaml out/benchmark
+	$(BIN)/roundel gate out/benchmark/report --baseline benchmarks/baseline.parquet --junit out/benchmark/gate.xml
+
 bench: env ## speed and accuracy against peers
 	$(BIN)/python benchmarks/run.py $(BENCH_FLAGS)
 
@@ -57,6 +70,9 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	$(BENCH_PYTHON) -m venv .venv-bench
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
+
+bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (hours; goes on where it stopped)
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/gate.py $(BENCH_FLAGS)
 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
 	$(BIN)/python benchmarks/peers_solver.py $(BENCH_FLAGS)

@@ -63,6 +63,13 @@ def _render_one() -> tuple[str, str | None]:
     )
 
 
+def _methods_of_others() -> list[str]:
+    """A line for each method that an installed package adds; none is imported."""
+    from roundel.solver.methods import installed_methods
+
+    return [f"method {m.name} of {m.source}: {m.about}" for m in installed_methods() if m.source != "roundel"]
+
+
 def examine() -> tuple[list[str], bool]:
     """Lines to print, and whether all is well."""
     lines = [
@@ -82,6 +89,7 @@ def examine() -> tuple[list[str], bool]:
     found, trouble = _render_one()
     if found:
         lines.append(found)
+    lines += _methods_of_others()
     problems += [wrong for wrong in (_ximgproc(), trouble) if wrong]
     lines += [f"problem: {p}" for p in problems] or ["all well"]
     return lines, not problems

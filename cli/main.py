@@ -44,6 +44,44 @@ def _positive(text: str) -> float:
     return value
 
 
+def _views(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number of views, as 20")
+    return int(text)
+
+
+def _say(text: str) -> None:
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        _leave_stdout()
+
+
+def _leave_stdout() -> None:
+    """The reader of our output went away (`roundel check | head`); nothing is wrong."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _ListMethods(argparse.Action):
+    """Prints the methods and ends, as --help does: before the other arguments are asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        from roundel.solver.methods import method_lines
+
+        _say("\n".join(method_lines()))
+        parser.exit()
+
+
+class _EstimatesSchema(argparse.Action):
+    """Prints the columns of a file of estimates and ends, as --help does."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        from roundel.validate.columns import columns_markdown
+
+        _say(columns_markdown())
+        parser.exit()
+
+
 def build_parser() -> argparse.ArgumentParser:
     """All verbs and their arguments; imports nothing but argparse."""
     parser = argparse.ArgumentParser(
@@ -90,7 +128,10 @@ def build_parser() -> argparse.ArgumentParser:
         "--method",
         action="append",
         metavar="NAME",
-        help="pixels (default), ml, guaranteed, direct, edgedrawing; may repeat",
+        help="pixels (default), ml, guaranteed, direct, edgedrawing, or one that --list-methods names; may repeat",
+    )
+    solve.add_argument(
+        "--list-methods", action=_ListMethods, nargs=0, help="print all methods, those of installed packages too"
     )
     solve.add_argument(
         "--intrinsics",
@@ -116,6 +157,9 @@ def build_parser() -> argparse.ArgumentParser:
     validate.add_argument("estimates", metavar="ESTIMATES", nargs="+")
     validate.add_argument("--out", required=True, metavar="REPORT")
     validate.add_argument(
+        "--schema", action=_EstimatesSchema, nargs=0, help="print what a file of estimates must and may hold"
+    )
+    validate.add_argument(
         "--extent-D", type=_positive, metavar="D", help="half side of the reprojection grid (default: the study's)"
     )
     validate.add_argument(
@@ -133,6 +177,10 @@ def build_parser() -> argparse.ArgumentParser:
     baseline.add_argument("--baseline", required=True, metavar="FILE")
     baseline.add_argument("--reason", required=True, metavar="TEXT", help="why these scores are right; kept in it")
 
+    compare = verb("compare", "write one page over several reports, paired by frame where they are of one dataset")
+    compare.add_argument("reports", metavar="REPORT", nargs="+", help="the first is what the others are compared with")
+    compare.add_argument("--out", required=True, metavar="FOLDER")
+
     run = verb("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
     run.add_argument("study", metavar="STUDY")
     run.add_argument("out", metavar="OUT")
@@ -142,6 +190,7 @@ def build_parser() -> argparse.ArgumentParser:
     calibrate.add_argument("dataset", metavar="DATASET")
     calibrate.add_argument("camera", metavar="CAMERA", help="where the camera file is written")
     calibrate.add_argument("--group", metavar="GROUP", help="the chessboards (default: the only such group)")
+    calibrate.add_argument("--views", type=_views, metavar="N", help="only the first N views (default: all)")
 
     verify = verb("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
     verify.add_argument("dataset", metavar="DATASET")
@@ -151,7 +200,8 @@ def build_parser() -> argparse.ArgumentParser:
     marker.add_argument(
         "kind",
         metavar="KIND",
-        help="disc, disc_with_tick, ring, rings, two_discs, dot_ring, disc_with_chessboard, chessboard, charuco, tags",
+        help="disc, disc_with_tick, ring, rings, coded_rings, two_discs, dot_ring, disc_with_chessboard, chessboard, "
+        "charuco, tags",
     )
     marker.add_argument("out", metavar="OUT", help="ends in .pdf or .svg")
     marker.add_argument("--diameter-m", type=_positive, metavar="D", help="of the circle (default 0.08)")
@@ -193,8 +243,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _interrupted()
     except BrokenPipeError:
-        # The reader of our output went away (`roundel check | head`); nothing is wrong.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _leave_stdout()
         return 0
     except Exception as error:
         from roundel.scenes.errors import RoundelError

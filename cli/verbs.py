@@ -37,21 +37,28 @@ def do_check(arguments: argparse.Namespace) -> int:
 def _study(path: str) -> Any:
     """A study whose methods and intrinsics are known, too: better now than after an hour of rendering."""
     from roundel.scenes.study import load_study
-    from roundel.solver.fits import check_methods
     from roundel.solver.intrinsics import parse_intrinsics
     from roundel.solver.knowledge_words import parse_knowledge
+    from roundel.solver.methods import check_methods
 
     study = load_study(path)
     try:
         check_methods(study.solve.methods)
         parse_knowledge(study.solve.knowledge)
         for label in study.solve.intrinsics:
-            if label != "calibrated":
+            if not _is_of_study(label):
                 parse_intrinsics(label)
     except UsageError as error:
         line, column = study.marks.get(("solve",), (1, 1))
         raise UsageError(f"{path}:{line}:{column}: solve: {error}") from error
     return study
+
+
+def _is_of_study(label: str) -> bool:
+    """Whether intrinsics are calibrated from the study's own chessboards, and no camera file yet."""
+    from roundel.scenes.schema import calibration_views
+
+    return label == "calibrated" or calibration_views(label) is not None
 
 
 def _room_for(study: Any, out: Path) -> None:
@@ -139,7 +146,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
         if group not in groups:
             raise UsageError(f"--group {group}: the dataset has {', '.join(groups)}")
     intrinsics = arguments.intrinsics or [
-        label for label in wanted.get("intrinsics", ["true"]) if label != "calibrated"
+        label for label in wanted.get("intrinsics", ["true"]) if not _is_of_study(label)
     ]
     with progress("solve") as show:
         counts = solve_dataset(
@@ -151,9 +158,14 @@ def do_solve(arguments: argparse.Namespace) -> int:
             frames=arguments.frames,
             knowledge=_knowledge(arguments.knowledge or wanted.get("knowledge")),
             progress=show,
+            complain=_warn,
         )
     print(f"{arguments.out}: {_counted(counts)}")
     return 0
+
+
+def _warn(line: str) -> None:
+    print(f"roundel: warning: {line}", file=sys.stderr)
 
 
 def _knowledge(text: str | None) -> Any:
@@ -188,7 +200,7 @@ def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
     from roundel.render.run import render_study
     from roundel.solver.solve import solve_dataset
-    from roundel.validate.camera_errors import calibrate_dataset
+    from roundel.validate.calibrations import calibrate_study
     from roundel.validate.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
@@ -200,10 +212,12 @@ def do_run(arguments: argparse.Namespace) -> int:
     _warn_of_flags(dataset)
     _print_fidelity(dataset.manifest)
     camera: Path | None = None
+    labels = study.solve.intrinsics
     if study.solve.calibrate_from is not None:
         camera = out / "chessboard.json"
-        print(_calibration_line(calibrate_dataset(out / "dataset", camera, group=study.solve.calibrate_from)))
-    labels = [f"calibrated:{camera}" if label == "calibrated" else label for label in study.solve.intrinsics]
+        records, files = calibrate_study(out / "dataset", study.solve, camera, out / "cameras")
+        print("\n".join(_calibration_line(record) for record in records))
+        labels = [f"calibrated:{files[label]}" if label in files else label for label in labels]
     if not _has_circles(dataset, study.solve.groups):
         print(f"no circular markers to solve; finished: {camera or out / 'dataset'}")
         return 0
@@ -216,6 +230,7 @@ def do_run(arguments: argparse.Namespace) -> int:
             groups=study.solve.groups,
             knowledge=_knowledge(study.solve.knowledge),
             progress=show,
+            complain=_warn,
         )
     with progress("chessboards") as show:
         summary = validate_dataset(
@@ -241,7 +256,9 @@ def do_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate from chessboards."""
     from roundel.validate.camera_errors import calibrate_dataset
 
-    result = calibrate_dataset(Path(arguments.dataset), Path(arguments.camera), group=arguments.group)
+    result = calibrate_dataset(
+        Path(arguments.dataset), Path(arguments.camera), group=arguments.group, count=arguments.views
+    )
     print(_calibration_line(result))
     print(f"camera: {arguments.camera}")
     return 0
@@ -251,6 +268,13 @@ def _calibration_line(record: dict[str, Any]) -> str:
     from roundel.validate.camera_errors import calibration_lines
 
     return "\n".join(calibration_lines(record))
+
+
+def do_compare(arguments: argparse.Namespace) -> int:
+    """Write one page over several reports."""
+    from roundel.cli.compare_verbs import compare
+
+    return compare(arguments)
 
 
 def do_gate(arguments: argparse.Namespace) -> int:

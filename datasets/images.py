@@ -37,6 +37,19 @@ class Images:
         """Group of each frame."""
         return [str(r["group"]) for r in self.records]
 
+    @property
+    def dataset_id(self) -> str | None:
+        """Identity of the dataset, from its manifest: a hash, of which nothing else is read."""
+        try:
+            return str(json.loads((self.path / files.MANIFEST).read_text(encoding="utf-8"))["dataset_id"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def saturation_dn(self, i: int) -> float | None:
+        """The level of the image file at which pixels saturate; None where no sensor is recorded."""
+        sensor = self.records[i].get("sensor")
+        return None if sensor is None else float(sensor["saturation_dn"])
+
     def mode(self, i: int) -> str:
         """`images` or `points`."""
         return str(self.records[i]["mode"])

@@ -8,7 +8,7 @@ from roundel.datasets.prediction import is_sharp
 from roundel.scenes.camera import distorts
 from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.frame import Frame
-from roundel.scenes.marker import Part
+from roundel.scenes.marker import Part, Sectors
 from roundel.scenes.occluders import hidden, plates_of
 from roundel.scenes.truth import defocus_radius_px
 
@@ -50,6 +50,8 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
     part, settings, camera = _part(frame, marker_id), frame.settings, frame.camera
     if part.radius_m is None:
         return "no circle"
+    if any(isinstance(shape, Sectors) for shape in frame.sheet.shapes):
+        return "its code is not predicted"
     if settings.occluders:
         return "occluders hide or shade it"
     if settings.marker.surface.kind != "matte":

@@ -20,7 +20,7 @@ from roundel.scenes.lattice import (
     GRAIN,
     GRAIN_AMPLITUDE,
 )
-from roundel.scenes.marker import Bar, Cells, Checker, Clutter, Disc, Shape
+from roundel.scenes.marker import Bar, Cells, Checker, Clutter, Disc, Sectors, Shape
 
 # From positions in the sheet's plane to coverage; where edges are sharp, a mask.
 Cover = Callable[[Any, Any], Any]
@@ -31,7 +31,13 @@ def cover_of(mi: Any, shape: Shape, softness_m: float) -> Cover:
     import drjit as dr
 
     x, y = (dr.opaque(mi.Float, v) for v in (shape.x_m, shape.y_m))
-    make: dict[type[Any], Callable[..., Cover]] = {Disc: _disc, Bar: _bar, Checker: _checker, Cells: _cells}
+    make: dict[type[Any], Callable[..., Cover]] = {
+        Disc: _disc,
+        Bar: _bar,
+        Checker: _checker,
+        Cells: _cells,
+        Sectors: _sectors,
+    }
     cover = make[type(shape)](mi, shape, dr.opaque(mi.Float, softness_m) if softness_m > 0 else None)
     return lambda px, py: cover(px - x, py - y)
 
@@ -143,6 +149,37 @@ def _cells(mi: Any, shape: Cells, softness: Any) -> Cover:
     def cover(u: Any, v: Any) -> Any:
         in_rows = _reached(dr, sizes[1] / 2 - v, softness, locate(sizes[1], counts[1]))
         return _summed(dr, in_rows, _reached(dr, u + sizes[0] / 2, softness, locate(sizes[0], counts[0])), ink)
+
+    return cover
+
+
+def _sectors(mi: Any, shape: Sectors, softness: Any) -> Cover:
+    import drjit as dr
+
+    inner, width, step = (dr.opaque(mi.Float, n) for n in (shape.inner_m, shape.ring_m, 2 * np.pi / shape.sectors))
+    rings, sectors = dr.opaque(mi.Int32, shape.rings), dr.opaque(mi.Int32, shape.sectors)
+    table = mi.UInt32(shape.table().ravel().astype(np.uint32))
+
+    def ring_at(at: Any) -> tuple[Any, Any]:
+        index = dr.floor((at - inner) / width)
+        return index, inner + index * width
+
+    def sector_at(at: Any) -> tuple[Any, Any]:
+        index = dr.floor(at / step)
+        return index, index * step
+
+    def ink(sector: Any, ring: Any) -> Any:
+        # One turn more, so that a ramp across +X counts from where it began.
+        column = (mi.Int32(sector) + sectors) % sectors
+        inside = (ring >= 0) & (ring < mi.Float(rings))
+        place = mi.UInt32(dr.clip(mi.Int32(ring), 0, rings - 1) * sectors + column)
+        return inside & (dr.gather(mi.UInt32, table, place, inside) == 1)
+
+    def cover(u: Any, v: Any) -> Any:
+        radius, angle = dr.sqrt(u * u + v * v), dr.atan2(-v, u)
+        angle = dr.select(angle < 0, angle + 2 * dr.pi, angle)
+        turn = None if softness is None else softness / dr.maximum(radius, inner / 2)
+        return _summed(dr, _reached(dr, radius, softness, ring_at), _reached(dr, angle, turn, sector_at), ink)
 
     return cover
 

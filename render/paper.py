@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.files import write_file
 from roundel.scenes.errors import UsageError
-from roundel.scenes.marker import Bar, Cells, Checker, Disc, Shape, Sheet
+from roundel.scenes.marker import Bar, Cells, Checker, Disc, Sectors, Shape, Sheet
 from roundel.scenes.marker_section import CIRCULAR
 from roundel.scenes.prints import sheet_of
 
@@ -179,9 +179,9 @@ def _patch(shape: Shape, x_mm: float, y_mm: float, colour: str) -> Any:
         curve = centre + 1e3 * shape.radius_m * np.asarray(arcs.vertices, dtype=np.float64)
         codes = [*np.asarray(arcs.codes).tolist(), Outline.CLOSEPOLY]
         return PathPatch(Outline(np.vstack([curve, curve[:1]]), codes), facecolor=colour, linewidth=0)
-    boxes = centre + 1e3 * _boxes(shape)
+    boxes = centre + 1e3 * (_arc_boxes(shape) if isinstance(shape, Sectors) else _boxes(shape))
     # One path for all of them: where cells touch, viewers then show no hairline between.
-    codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY] * len(boxes)
+    codes = [Outline.MOVETO, *[Outline.LINETO] * (boxes.shape[1] - 1), Outline.CLOSEPOLY] * len(boxes)
     closed = np.concatenate([boxes, boxes[:, :1]], axis=1).reshape(-1, 2)
     return PathPatch(Outline(closed, codes), facecolor=colour, linewidth=0)
 
@@ -206,6 +206,18 @@ def _boxes(shape: Bar | Checker | Cells) -> Array:
         left, top = -width / 2 + column * shape.pitch_m + j * cell, height / 2 - row * shape.pitch_m - i * cell
         boxes.append(_box(left, top - cell, left + cell, top))
     return np.array(boxes)
+
+
+def _arc_boxes(shape: Sectors) -> Array:
+    """Outlines (n, 2 m, 2) of the cells that are ink: their arcs as chords, 1e-5 of a radius from round."""
+    step, chords = 2 * np.pi / shape.sectors, max(2, -(-720 // shape.sectors))
+    out = []
+    for ring, sector in np.argwhere(shape.table() == 1).tolist():
+        turn = -step * (sector + np.linspace(0, 1, chords + 1))
+        arc = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        inner = shape.inner_m + ring * shape.ring_m
+        out.append(np.concatenate([inner * arc, (inner + shape.ring_m) * arc[::-1]]))
+    return np.array(out).reshape(-1, 2 * chords + 2, 2)
 
 
 def _box(x0: float, y0: float, x1: float, y1: float) -> Array:

@@ -20,11 +20,14 @@ _OF_DIAMETER: dict[str, dict[str, float]] = {
     "disc_with_chessboard": {"gap_m": 0.25},
 }
 _RINGS = (1.0, 0.7, 0.4)
+# simittag's s16m, ID 0x1234: four rings of 24 cells.
+_CODE = ("111010110010110100010010", "000000000101011110010010", "000000110001001011010001", "000000001111000010000111")
 _BOARDS: dict[str, dict[str, Any]] = {
     "chessboard": {"columns": 8, "rows": 5, "square_m": 0.02},
     "charuco": {"columns": 8, "rows": 5, "square_m": 0.022, "tag_m": 0.016},
     "tags": {"tag_m": 0.08},
     "dot_ring": {"dots": 6},
+    "coded_rings": {"code": list(_CODE)},
 }
 # What a printer, the paper and the room do by themselves.
 _RENDERED = ("ink", "paper", "wall", "edge_softness_m", "grain", "grain_m", "surface", "clutter")

@@ -2,8 +2,8 @@
 
 Coverage of ink. Sharp edges are decided by inequalities. With `edge_softness_m` = w every edge is a linear ramp of full
 width w, centred on it: of circles along the radius; of squares, bars and cells as the sharp pattern averaged over a
-square of side w that is aligned with it, which is a ramp across each edge and the product of two at a corner. The
-sheet's own border is cut, and stays sharp.
+square of side w that is aligned with it, which is a ramp across each edge and the product of two at a corner; of
+sectors the same along radius and arc. The sheet's own border is cut, and stays sharp.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.lattice import clutter_at, grain_at
-from roundel.scenes.marker import Bar, Cells, Checker, Disc, Shape, Sheet
+from roundel.scenes.marker import Bar, Cells, Checker, Disc, Sectors, Shape, Sheet
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,8 @@ def coverage(shape: Shape, x_m: Array, y_m: Array, softness_m: float = 0.0) -> A
         return _ramp(along, softness_m) * _ramp(across, softness_m)
     if isinstance(shape, Checker):
         return _checker(shape, u, v, softness_m)
+    if isinstance(shape, Sectors):
+        return _sectors(shape, u, v, softness_m)
     return _cells(shape, u, v, softness_m)
 
 
@@ -64,12 +66,12 @@ def _ramp(inside_m: Array, softness_m: float) -> Array:
 _Locate = Callable[[Array], tuple[Array, Array]]
 
 
-def _reached(at: Array, softness_m: float, locate: _Locate) -> list[tuple[Array, Array | float]]:
+def _reached(at: Array, softness_m: Array | float, locate: _Locate) -> list[tuple[Array, Array | float]]:
     """The intervals that a stretch of the ramp's width, centred at a position, lies in, and its share of each.
 
     The ramp is narrower than any interval, so there are two at most.
     """
-    if softness_m == 0:
+    if not np.any(softness_m):
         return [(locate(at)[0], 1.0)]
     last, start = locate(at + softness_m / 2)
     share = np.clip((at + softness_m / 2 - start) / softness_m, 0.0, 1.0)
@@ -116,4 +118,28 @@ def _cells(shape: Cells, u: Array, v: Array, softness_m: float) -> Array:
             tag_column, cell_column = np.divmod(column.astype(np.int64), n)
             ink = table[tag_row, tag_column, cell_row, cell_column]  # -1 reads some cell, and is masked
             cover += in_row * in_column * ((row >= 0) & (column >= 0) & (ink == 1))
+    return cover
+
+
+def _sectors(shape: Sectors, u: Array, v: Array, softness_m: float) -> Array:
+    """Ramps along the radius and along the arc."""
+    table, step = shape.table(), 2 * np.pi / shape.sectors
+    radius, angle = np.hypot(u, v), np.mod(np.arctan2(-v, u), 2 * np.pi)
+
+    def ring_at(at: Array) -> tuple[Array, Array]:
+        index = np.floor((at - shape.inner_m) / shape.ring_m)
+        return index, shape.inner_m + index * shape.ring_m
+
+    def sector_at(at: Array) -> tuple[Array, Array]:
+        index = np.floor(at / step)
+        return index, index * step
+
+    cover = np.zeros(np.shape(u))
+    turn = softness_m / np.maximum(radius, shape.inner_m / 2)
+    for ring, in_ring in _reached(radius, softness_m, ring_at):
+        inside = (ring >= 0) & (ring < shape.rings)
+        row = np.where(inside, ring, 0).astype(np.int64)
+        for sector, in_sector in _reached(angle, turn, sector_at):
+            column = np.where(inside, sector, 0).astype(np.int64) % shape.sectors
+            cover += np.where(inside, in_ring * in_sector * (table[row, column] == 1), 0.0)
     return cover

@@ -1,4 +1,4 @@
-"""Markers as exact ink: circles, squares, bars and cells in the plane of the print, in metres.
+"""Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres.
 
 Marker frame: X right, Y up, Z out of the printed face; the origin is the circle's centre, or the board's.
 A sheet carries one or more parts (a disc, a chessboard beside it); each part has a row of its own in the truth. Part 0
@@ -80,7 +80,34 @@ class Cells:
         return np.frombuffer(self.ink, dtype=np.uint8).reshape(self.rows, self.columns, self.side, self.side)
 
 
-Shape = Disc | Checker | Bar | Cells
+@dataclass(frozen=True)
+class Sectors:
+    """Cells on rings: `rings` by `sectors` of them between two radii about (x_m, y_m).
+
+    `ink` has a byte a cell, 1 or 0, ring by ring from the inside; sectors from +X clockwise for someone who reads the
+    print, as angles go in an image.
+    """
+
+    x_m: float
+    y_m: float
+    inner_m: float
+    outer_m: float
+    rings: int
+    sectors: int
+    ink: bytes
+    reflectance: float
+
+    @property
+    def ring_m(self) -> float:
+        """Width of a ring."""
+        return (self.outer_m - self.inner_m) / self.rings
+
+    def table(self) -> NDArray[np.uint8]:
+        """The cells as (rings, sectors)."""
+        return np.frombuffer(self.ink, dtype=np.uint8).reshape(self.rings, self.sectors)
+
+
+Shape = Disc | Checker | Bar | Cells | Sectors
 
 
 @dataclass(frozen=True)

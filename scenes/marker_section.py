@@ -71,6 +71,22 @@ class RingsSection(_Print):
     diameters_m: list[Positive] = Field(min_length=2, max_length=16)
 
 
+class CodedRingsSection(_Print):
+    """A disc in a ring, and between them rings of cells that carry a code; the outer circle is that of record.
+
+    The layout of simittag, whose fractions the defaults are; `code` has a string of 0 and 1 (ink) for each ring of
+    cells, from the inside, clockwise from +X for someone who reads the print.
+    """
+
+    kind: Literal["coded_rings"]
+    diameter_m: Positive
+    code: list[Annotated[str, Field(pattern="^[01]{4,128}$")]] = Field(min_length=1, max_length=16)
+    disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii, as the other three")
+    code_from: Fraction = Field(default=0.30, description="where the cells begin")
+    code_to: Fraction = Field(default=0.78, description="where the cells end")
+    ring_from: Fraction = Field(default=0.86, description="inner edge of the outer ring")
+
+
 class TwoDiscsSection(_Print):
     """Two coplanar discs beside each other; each has a row of its own in the truth."""
 
@@ -150,6 +166,7 @@ Marker = Annotated[
     | DiscWithTickSection
     | RingSection
     | RingsSection
+    | CodedRingsSection
     | TwoDiscsSection
     | DotRingSection
     | ChessboardSection
@@ -164,6 +181,7 @@ KINDS: dict[str, type[Section]] = {
     "disc_with_tick": DiscWithTickSection,
     "ring": RingSection,
     "rings": RingsSection,
+    "coded_rings": CodedRingsSection,
     "two_discs": TwoDiscsSection,
     "dot_ring": DotRingSection,
     "chessboard": ChessboardSection,
@@ -173,4 +191,4 @@ KINDS: dict[str, type[Section]] = {
 }
 
 # Kinds whose first part is a circle.
-CIRCULAR = ("disc", "disc_with_tick", "ring", "rings", "two_discs", "dot_ring", "disc_with_chessboard")
+CIRCULAR = ("disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.marker import Bar, Cells, Checker, Disc, Shape, Sheet
+from roundel.scenes.marker import Bar, Cells, Checker, Disc, Sectors, Shape, Sheet
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,8 @@ def _edges_of(shape: Shape) -> list[Array]:
         return [centre + _rectangle((-l, -w), (l, w)) @ np.array([[c, s], [-s, c]])]
     if isinstance(shape, Checker):
         return _checker_edges(shape, centre)
+    if isinstance(shape, Sectors):
+        return _sector_edges(shape, centre)
     return _cell_edges(shape, centre)
 
 
@@ -78,6 +80,21 @@ def _cell_edges(shape: Cells, centre: Array) -> list[Array]:
     for line, start, stop in _runs((np.diff(raster, axis=1) != 0).T):
         found.append(np.array([[xs[line], ys[start - 1]], [xs[line], ys[stop - 1]]]))
     return [centre + segment for segment in found]
+
+
+def _sector_edges(shape: Sectors, centre: Array) -> list[Array]:
+    """Boundaries between unlike cells: arcs, as chords, and pieces of rays."""
+    table, step = shape.table(), 2 * np.pi / shape.sectors
+    radii = shape.inner_m + shape.ring_m * np.arange(shape.rings + 1)
+    chords = max(1, -(-_CHORDS // shape.sectors))
+    found = []
+    for ring, sector in np.argwhere(np.diff(np.pad(table, ((1, 1), (0, 0))), axis=0) != 0).tolist():
+        turn = -step * (sector + np.linspace(0, 1, chords + 1))
+        found.append(radii[ring] * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+    for ring, sector in np.argwhere(table != np.roll(table, 1, axis=1)).tolist():
+        ray = np.array([np.cos(step * sector), -np.sin(step * sector)])
+        found.append(radii[ring : ring + 2, None] * ray)
+    return [centre + line for line in found]
 
 
 def _runs(edge: NDArray[np.bool_]) -> list[tuple[int, int, int]]:

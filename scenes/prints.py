@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from roundel.scenes import marker_section as sections
-from roundel.scenes.marker import Bar, Cells, Checker, Clutter, Disc, Part, Shape, Sheet
+from roundel.scenes.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
 from roundel.scenes.tags import charuco_grid, tag_grid
 
 # The orientation tick, in radii.
@@ -65,6 +65,24 @@ def _rings(section: sections.RingsSection, ink: float, paper: float) -> _Print:
                 f"marker.diameters_m: {b:g} after {a:g}; give the outermost first, each smaller than before"
             )
     return _circles(diameters, "rings", {"diameters_m": diameters}, ink, paper)
+
+
+def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) -> _Print:
+    shares = [float(v) for v in (section.disc, section.code_from, section.code_to, section.ring_from, 1.0)]
+    if not all(0 < a < b for a, b in pairwise(shares)):
+        raise ValueError("marker.disc: needs 0 < disc < code_from < code_to < ring_from < 1")
+    if len({len(ring) for ring in section.code}) != 1:
+        raise ValueError("marker.code: every ring needs as many cells as the others")
+    outer = section.diameter_m / 2
+    disc, inner, last, ring, _ = (outer * share for share in shares)
+    cells = bytes(int(bit) for row in section.code for bit in row)
+    sectors = len(section.code[0])
+    code = Sectors(0.0, 0.0, inner, last, len(section.code), sectors, cells, ink)
+    shapes: list[Shape] = [Disc(0.0, 0.0, outer, ink), Disc(0.0, 0.0, ring, paper), code, Disc(0.0, 0.0, disc, ink)]
+    layout: dict[str, Any] = dict(zip(("disc", "code_from", "code_to", "ring_from"), shares[:-1], strict=True))
+    layout["code"] = list(section.code)
+    finest = min(2 * disc, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors)
+    return _Print(shapes, [Part(0, "coded_rings", 0.0, 0.0, outer, layout)], float(finest))
 
 
 def _apart(key: str, gap_m: float) -> float:
@@ -158,6 +176,7 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "disc_with_tick": _disc_with_tick,
     "ring": _ring,
     "rings": _rings,
+    "coded_rings": _coded_rings,
     "two_discs": _two_discs,
     "dot_ring": _dot_ring,
     "chessboard": _chessboard,

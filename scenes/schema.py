@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
 from roundel.scenes.camera_section import CameraSection, MotionSection
 from roundel.scenes.layers import preset_names
@@ -19,6 +19,9 @@ from roundel.scenes.sensor_section import SensorSection
 from roundel.scenes.values import AnyValue, NonNegative, Positive, Spread, Tilt, Turn
 
 SCHEMA_VERSION = 1
+
+# With fewer, OpenCV's calibration of a plane is not determined.
+MIN_CALIBRATION_VIEWS = 3
 
 Key = tuple[str | int, ...]
 
@@ -118,14 +121,40 @@ class GroupSection(Section):
         return self
 
 
+def calibration_views(label: str) -> int | None:
+    """How many views intrinsics of the form `calibrated:N` ask for; None for any other label.
+
+    Examples
+    --------
+    >>> calibration_views("calibrated:5"), calibration_views("calibrated"), calibration_views("calibrated:phone.json")
+    (5, None, None)
+    """
+    kind, _, count = label.partition(":")
+    return int(count) if kind == "calibrated" and count.isascii() and count.isdecimal() else None
+
+
 class SolveSection(Section):
     """What `roundel run` asks of the solver."""
 
     groups: list[str] | None = None
     methods: list[str] = Field(default=["pixels"], min_length=1)
-    intrinsics: list[str] = Field(default=["true"], min_length=1)
+    intrinsics: list[str] = Field(
+        default=["true"],
+        min_length=1,
+        description="as `roundel solve --intrinsics`; `calibrated` from all views of calibrate_from, `calibrated:5` "
+        "from the first five",
+    )
     calibrate_from: str | None = Field(default=None, description="a group of chessboards, for `calibrated`")
     knowledge: str = Field(default="none", description="as `roundel solve --knowledge`: same_side, floor, circle:0.5")
+
+    @field_validator("intrinsics")
+    @classmethod
+    def _enough_views(cls, labels: list[str]) -> list[str]:
+        for label in labels:
+            views = calibration_views(label)
+            if views is not None and views < MIN_CALIBRATION_VIEWS:
+                raise ValueError(f"{label}: a calibration needs {MIN_CALIBRATION_VIEWS} views or more")
+        return labels
 
 
 class ValidateSection(Section):

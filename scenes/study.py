@@ -21,7 +21,15 @@ from roundel.scenes.layers import laid_over, preset, preset_names
 from roundel.scenes.light_map import map_sha256
 from roundel.scenes.light_section import LAMPS
 from roundel.scenes.marker_section import KINDS as MARKERS
-from roundel.scenes.schema import SCHEMA_VERSION, GroupSection, Head, SolveSection, ValidateSection
+from roundel.scenes.sampling import frame_count
+from roundel.scenes.schema import (
+    SCHEMA_VERSION,
+    GroupSection,
+    Head,
+    SolveSection,
+    ValidateSection,
+    calibration_views,
+)
 from roundel.scenes.section import Section
 from roundel.scenes.yaml_reader import Marks, read_yaml
 
@@ -266,7 +274,18 @@ def _check_references(study: Study) -> None:
             )
         if study.groups[source].marker.kind != "chessboard":
             raise fail(f"solve.calibrate_from: group {source!r} has no chessboard", "solve", "calibrate_from")
-    if "calibrated" in study.solve.intrinsics and source is None:
-        raise fail(
-            "solve.intrinsics: `calibrated` needs solve.calibrate_from, a group of chessboards", "solve", "intrinsics"
-        )
+    for label in study.solve.intrinsics:
+        views = calibration_views(label)
+        if views is None and label != "calibrated":
+            continue
+        if source is None:
+            message = f"solve.intrinsics: `{label}` needs solve.calibrate_from, a group of chessboards"
+            raise fail(message, "solve", "intrinsics")
+        try:
+            there = frame_count(study.groups[source])
+        except ValueError:
+            # Frames that do not divide over the cells: whoever counts them says so, at their own place.
+            continue
+        if views is not None and views > there:
+            message = f"solve.intrinsics: `{label}` wants {views} views, and group {source!r} has {there}"
+            raise fail(message, "solve", "intrinsics")

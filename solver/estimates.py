@@ -6,6 +6,7 @@ The validator imports this module, so it knows no other of the solver's.
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +23,13 @@ from roundel.scenes.camera import Camera
 Array = NDArray[np.float64]
 
 ESTIMATES = "estimates.parquet"
+METADATA = b"roundel_estimates"  # what the file says of itself: {schema, dataset_id}
 NOT_FOUND = -1  # the detection_id of a frame in which nothing was found
 
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
 _POSE = ("normal_x", "normal_y", "normal_z", "centre_x_m", "centre_y_m", "centre_z_m")
 _ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
+_CENTRE_IMAGE = ("centre_image_x_px", "centre_image_y_px")
 _INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
 
 SCHEMA = pa.schema(
@@ -38,7 +41,7 @@ SCHEMA = pa.schema(
         pa.field("candidate", pa.int8(), nullable=False),
         pa.field("chosen", pa.bool_(), nullable=False),
         pa.field("probability", pa.float64()),
-        *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_INTRINSICS)),
+        *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_CENTRE_IMAGE, *_INTRINSICS)),
         pa.field("distortion", pa.list_(pa.float64())),
         pa.field("distortion_model", pa.string()),
         pa.field("edge_points", pa.int64()),
@@ -72,7 +75,9 @@ class Estimate:
     camera : Camera or None
         The intrinsics that were used.
     normal, centre_m : (2, 3) array or None
-        Both candidates, in the order of `CirclePoses`.
+        Both candidates, in the order of `CirclePoses`; (1, 3) of a method that gives one; None of one that gives none.
+    centre_image : (2,) array or None
+        Image of the circle's centre in the delivered image, of a method that says where it is.
     probability : tuple of two floats, or None
     chosen : int or None
         The chosen candidate; None where nothing is known to choose by.
@@ -113,13 +118,15 @@ class Estimate:
     focal_sigma: float | None = None
     intrinsics_basis: str = ""
     choice_basis: str = ""
+    centre_image: Array | None = None
 
     def __bool__(self) -> bool:
         return self.status == "ok"
 
     def rows(self) -> list[dict[str, Any]]:
-        """Rows of `estimates.parquet`: one for each candidate, one for a failure."""
-        return [self._row(candidate) for candidate in (range(2) if self else range(1))]
+        """Rows of `estimates.parquet`: one for each candidate, one for a failure or where there is no pose."""
+        count = len(self.normal) if self and self.normal is not None else 1
+        return [self._row(candidate) for candidate in range(count)]
 
     def _row(self, candidate: int) -> dict[str, Any]:
         row: dict[str, Any] = {
@@ -145,6 +152,8 @@ class Estimate:
             row |= zip(_POSE, (*self.normal[candidate].tolist(), *self.centre_m[candidate].tolist()), strict=True)
         if self.ellipse is not None:
             row |= zip(_ELLIPSE, self.ellipse.tolist(), strict=True)
+        if self.centre_image is not None:
+            row |= zip(_CENTRE_IMAGE, self.centre_image.tolist(), strict=True)
         if self.camera is not None:
             k = self.camera.K
             values = (k[0, 0], k[1, 1], k[0, 1], k[0, 2], k[1, 2])
@@ -156,8 +165,15 @@ class Estimate:
         return row
 
 
-def write_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
+def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id: str | None = None) -> None:
     """Write estimates as Parquet, whole or not at all.
+
+    Parameters
+    ----------
+    estimates : iterable of Estimate
+    path : path
+    dataset_id : str, optional
+        Of the dataset that they are of; kept in the file, so that they are scored against no other.
 
     Raises
     ------
@@ -166,6 +182,8 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path) -> None:
     """
     rows = [row for estimate in estimates for row in estimate.rows()]
     table = pa.table({name: [row.get(name) for row in rows] for name in SCHEMA.names}, schema=SCHEMA)
+    if dataset_id is not None:
+        table = table.replace_schema_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
     buffer = io.BytesIO()
     pq.write_table(table, buffer)
     write_file(path, buffer.getvalue())

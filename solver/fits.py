@@ -6,8 +6,6 @@ sub-pixel edges are made of.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera import Camera, distorts, undistort_px
 from roundel.scenes.conic import ellipse_points
-from roundel.scenes.errors import UsageError
 from roundel.solver.detect import Detection, detect
 from roundel.solver.edges import edge_points
 from roundel.solver.ellipse import (
@@ -66,22 +63,6 @@ class Seen:
 def look_at(grey: NDArray[Any], full_scale_dn: float) -> Seen:
     """Detect the circles of an image; none in one that is too small to hold any."""
     return Seen(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
-
-
-def check_methods(methods: Sequence[str]) -> None:
-    """Refuse unknown methods.
-
-    Raises
-    ------
-    UsageError
-    """
-    if not methods:
-        raise UsageError(f"no method; use {', '.join(METHODS)}")
-    for name in methods:
-        if name not in METHODS:
-            close = difflib.get_close_matches(name, METHODS, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"use {', '.join(METHODS)}"
-            raise UsageError(f"unknown method {name!r}; {hint}")
 
 
 def fit_detection(seen: Seen, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:

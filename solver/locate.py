@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera import Camera, camera_problem
 from roundel.solver.assumed_camera import AssumedCamera
 from roundel.solver.choose import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
-from roundel.solver.fits import DEFAULT_METHOD, check_methods, fit_detection, look_at
+from roundel.solver.fits import DEFAULT_METHOD, fit_detection, look_at
 from roundel.solver.image_levels import grey_levels
 from roundel.solver.intrinsics import assumed_camera_for, parse_intrinsics
+from roundel.solver.methods import find, finder_of
+from roundel.solver.own_method import View
 from roundel.solver.pose_estimate import estimate_of
 
 
@@ -39,7 +42,7 @@ def locate(
     knowledge : str, Evidence, a sequence of them, or None
         What is known of the pose, see `choose`.
     method : str
-        See `roundel.solver.fits.METHODS`.
+        See `roundel.solver.methods.installed_methods`.
 
     Returns
     -------
@@ -56,8 +59,12 @@ def locate(
     grey, full_scale_dn = grey_levels(image)
     diameter_m = _diameter(diameter_m)
     check_knowledge(knowledge)
-    check_methods([method])
+    finder = finder_of(method)
     label, assumed = _assumed(camera, grey.shape[1], grey.shape[0])
+    if finder is not None:
+        pixels = np.array(image)  # a copy: the method may write into it
+        view = View(pixels, assumed.camera, diameter_m, saturation_dn=full_scale_dn)
+        return find(method, finder, view, assumed, knowledge, 0, label)
     seen = look_at(grey, full_scale_dn)
     out = []
     for i, detection in enumerate(seen.detections):

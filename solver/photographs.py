@@ -12,8 +12,9 @@ from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.assumed_camera import AssumedCamera
 from roundel.solver.choose import Knowledge, check_knowledge
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
-from roundel.solver.fits import DEFAULT_METHOD, check_methods, fit_detection, look_at
+from roundel.solver.fits import DEFAULT_METHOD, METHODS, fit_detection, look_at
 from roundel.solver.intrinsics import Intrinsics, assumed_camera_for, parse_intrinsics
+from roundel.solver.methods import check_methods
 from roundel.solver.overlay import Drawn, draw_overlay
 from roundel.solver.photo_file import Photo, read_photo
 from roundel.solver.photo_report import PhotoResult, distance_label, readable
@@ -74,6 +75,9 @@ def solve_photographs(
     """
     methods = list(dict.fromkeys(methods))
     check_methods(methods)
+    for name in methods:
+        if name not in METHODS:
+            raise UsageError(f"--method {name}: it works on datasets; photographs take {', '.join(METHODS)}")
     check_knowledge(knowledge)
     if not (math.isfinite(diameter_m) and diameter_m > 0):
         raise UsageError(f"the diameter must be a positive number of metres, not {diameter_m}")

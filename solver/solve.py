@@ -5,6 +5,7 @@ Only images and cameras are opened; the truth stays closed.
 
 from __future__ import annotations
 
+import copy
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -23,9 +24,11 @@ from roundel.solver.assumed_camera import AssumedCamera
 from roundel.solver.choose import Knowledge, check_knowledge
 from roundel.solver.ellipse import EllipseFit, FailedFit
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
-from roundel.solver.fits import DEFAULT_METHOD, Seen, check_methods, fit_detection, fit_points, look_at
+from roundel.solver.fits import DEFAULT_METHOD, Seen, fit_detection, fit_points, look_at
 from roundel.solver.image_levels import grey_levels
 from roundel.solver.intrinsics import Intrinsics, assumed_camera_for, parse_intrinsics
+from roundel.solver.methods import NOTHING, check_methods, find, finder_of
+from roundel.solver.own_method import Finder, View
 from roundel.solver.pose_estimate import estimate_of
 
 Array = NDArray[np.float64]
@@ -53,6 +56,7 @@ def solve_dataset(
     knowledge: Knowledge = None,
     frames: range | None = None,
     progress: Progress | None = None,
+    complain: Callable[[str], None] | None = None,
 ) -> dict[str, int]:
     """Estimate the pose of every circle in a dataset.
 
@@ -65,7 +69,7 @@ def solve_dataset(
     dataset_path, out_path : path
         `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, whole or not at all.
     methods : sequence of str
-        See `roundel.solver.fits.METHODS`.
+        See `roundel.solver.methods.installed_methods`.
     intrinsics : sequence of str
         See `parse_intrinsics`.
     groups : sequence of str, optional
@@ -76,6 +80,9 @@ def solve_dataset(
         Only these frame_ids.
     progress : callable, optional
         Called with (frames done, frames in all).
+    complain : callable, optional
+        Called with a line for each installed method that failed by its own fault (an exception, an answer that cannot
+        be): in how many frames, and what it said first. Its rows say so, frame by frame.
 
     Returns
     -------
@@ -92,6 +99,8 @@ def solve_dataset(
     check_methods(methods)
     check_knowledge(knowledge)
     methods = list(dict.fromkeys(methods))
+    finders = {name: finder for name in methods if (finder := finder_of(name)) is not None}
+    fitted = [name for name in methods if name not in finders]
     specs = _specs(intrinsics)
     images = open_images(dataset_path)
     todo = _frames(images, specs, groups, frames)
@@ -103,11 +112,19 @@ def solve_dataset(
         if progress:
             progress(done, len(todo))
         started = time.perf_counter()
-        seen, found, fits = _fits(images, frame, methods)
+        seen, found, fits = _fits(images, frame, fitted) if fitted else (None, 0, {})
         middle = time.perf_counter()
-        solved = _solve_frame(frame, seen, found, fits, methods, labels, knowledge)
+        solved = []
+        for method in methods:
+            if method in finders:
+                solved += _found(images, frame, method, finders[method], labels, knowledge)
+            else:
+                solved += _solve_frame(frame, seen, found, fits, method, labels, knowledge)
         ended = time.perf_counter()
         estimates += solved
+        # Fits share their detections; where there are none, the first method's count.
+        first = (fitted or methods)[0], labels[0]
+        found = len({e.detection_id for e in solved if (e.method, e.intrinsics) == first} - {NOT_FOUND})
         counts["detections"] += found
         counts["empty_frames"] += found == 0
         counts["failed_estimates"] += sum(not estimate for estimate in solved)
@@ -116,9 +133,24 @@ def solve_dataset(
     if progress:
         progress(len(todo), len(todo))
     out = Path(out_path)
-    write_estimates(estimates, out / ESTIMATES)
+    write_estimates(estimates, out / ESTIMATES, images.dataset_id)
     write_file(out / TIMINGS, "".join(f"{line}\n" for line in timings).encode())
+    if complain:
+        for line in _complaints(estimates, list(finders)):
+            complain(line)
     return counts
+
+
+def _complaints(estimates: list[Estimate], finders: list[str]) -> list[str]:
+    """A line for each method of others that failed, other than by finding nothing."""
+    out = []
+    for name in finders:
+        wrong = [e for e in estimates if e.method == name and not e and e.reason != f"{name}: {NOTHING}"]
+        if wrong:
+            frames = len({e.frame_id for e in wrong})
+            said = wrong[0].reason.removeprefix(f"{name}: ")
+            out.append(f"method {name} failed in {frames} of the frames; first in frame {wrong[0].frame_id}: {said}")
+    return out
 
 
 def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
@@ -195,17 +227,34 @@ def _solve_frame(
     seen: Seen | None,
     found: int,
     fits: Fits,
-    methods: list[str],
+    method: str,
     labels: list[str],
     knowledge: Knowledge,
 ) -> list[Estimate]:
     out = []
-    for method in methods:
-        for i, label in enumerate(labels):
-            if not found:
-                out.append(Estimate(frame.frame_id, NOT_FOUND, method, label, "failed", "no ellipse found"))
-            for n, fit in enumerate(fits[method, i]):
-                key = (frame.frame_id, n, method, label)
-                detection, grey = (None, None) if seen is None else (seen.detections[n], seen.grey)
-                out.append(estimate_of(fit, frame.cameras[i], frame.diameter_m, knowledge, key, detection, grey))
+    for i, label in enumerate(labels):
+        if not found:
+            out.append(Estimate(frame.frame_id, NOT_FOUND, method, label, "failed", "no ellipse found"))
+        for n, fit in enumerate(fits[method, i]):
+            key = (frame.frame_id, n, method, label)
+            detection, grey = (None, None) if seen is None else (seen.detections[n], seen.grey)
+            out.append(estimate_of(fit, frame.cameras[i], frame.diameter_m, knowledge, key, detection, grey))
+    return out
+
+
+def _found(
+    images: Images, frame: _Frame, method: str, finder: Finder, labels: list[str], knowledge: Knowledge
+) -> list[Estimate]:
+    """What an installed method finds in a frame, with each camera."""
+    if images.mode(frame.index) == "points":
+        reason = f"{method}: needs an image, and there are only points"
+        return [Estimate(frame.frame_id, NOT_FOUND, method, label, "failed", reason) for label in labels]
+    image = images.image(frame.index)
+    saturation_dn = images.saturation_dn(frame.index) or float(np.iinfo(image.dtype).max)
+    out = []
+    for label, assumed in zip(labels, frame.cameras, strict=True):
+        # Copies: what a method does to its image or its markers must reach nobody else.
+        markers = images.markers(frame.index)
+        view = View(image.copy(), assumed.camera, frame.diameter_m, copy.deepcopy(markers), saturation_dn)
+        out += find(method, finder, view, assumed, knowledge, frame.frame_id, label)
     return out

@@ -125,10 +125,14 @@ def test_projection_difference_counts_a_shift_and_forgives_a_rotation() -> None:
     k[0, 2] += 1.0
     shifted = Camera(640, 480, k, CAMERA.distortion)
     difference = projection_difference(shifted, CAMERA)
-    assert difference.mean_px == pytest.approx(1.0, abs=1e-9)
-    assert difference.max_px == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(difference.plain[..., 0], 1.0, atol=1e-9)
+    np.testing.assert_allclose(difference.plain[..., 1], 0.0, atol=1e-9)
+    figures = difference.figures()
+    assert figures["projection_mean_px"] == pytest.approx(1.0, abs=1e-9)
+    assert figures["projection_max_px"] == pytest.approx(1.0, abs=1e-9)
     # A pixel is 0.1 deg: a rotation takes up all of it but the second order at the corners.
-    assert difference.mean_rotated_px < 0.15
+    assert figures["projection_mean_rotated_px"] < 0.15
+    assert difference.share == 1.0
 
 
 def test_a_calibration_of_a_lens_with_more_terms_is_compared_by_projection() -> None:

@@ -75,7 +75,7 @@ def test_ids_of_two_figures_do_not_meet() -> None:
     assert 'href="#one-a"' in one
     assert "url(#one-a)" in one
     assert 'id="two-a"' in two
-    assert 'aria-label="A &quot;&lt;b>&quot;"' in two
+    assert 'aria-label="A &quot;&lt;b&gt;&quot;"' in two
     assert "width=" not in one
 
 

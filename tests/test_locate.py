@@ -17,8 +17,9 @@ from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_poin
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
 from roundel.solver.estimates import SCHEMA
-from roundel.solver.fits import check_methods, fit_points
+from roundel.solver.fits import fit_points
 from roundel.solver.locate import locate
+from roundel.solver.methods import check_methods
 from roundel.solver.solve import solve_dataset
 from roundel.validate.estimates_file import read_estimates
 

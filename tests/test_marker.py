@@ -75,6 +75,8 @@ REFUSED = [
     ("rings", {"diameters_m": [0.08, 0.03, 0.05]}, "diameters_m: 0.05 after 0.03"),
     ("two_discs", {"spacing_m": 0.06}, "spacing_m: neighbours touch"),
     ("dot_ring", {"dots": 16}, "ring_diameter_m: neighbours touch"),
+    ("coded_rings", {"disc": 0.4}, "disc: needs 0 < disc < code_from"),
+    ("coded_rings", {"code": ["1010", "10101"]}, "code: every ring needs as many cells"),
     ("chessboard", {"inverted": True}, "a chessboard is dark on light"),
     ("charuco", {"inverted": True}, "a ChArUco board is dark on light"),
     ("charuco", {"tag_m": 0.03}, "tag_m: a tag must be smaller"),
@@ -97,6 +99,20 @@ def test_what_cannot_be_printed_is_refused_in_one_line(kind: str, keys: dict[str
         sheet(kind, **keys)
     assert str(caught.value).startswith("marker.")
     assert "\n" not in str(caught.value)
+
+
+def test_a_code_is_read_clockwise_from_x() -> None:
+    # 8 cells a ring from 0.30 to 0.78 of the radius; ring 0 is 11010010, ring 2 is 10011100.
+    made = sheet("coded_rings")
+
+    def cell(ring: int, sector: int) -> tuple[float, float]:
+        radius, angle = 0.04 * (0.30 + (ring + 0.5) * 0.16), -np.radians(45 * (sector + 0.5))
+        return float(radius * np.cos(angle)), float(radius * np.sin(angle))
+
+    for ring, code in enumerate(("11010010", "01101001", "10011100")):
+        seen = at(made, *(cell(ring, sector) for sector in range(8)))
+        assert seen == [INK if bit == "1" else PAPER for bit in code]
+    assert at(made, (0.0, 0.0), (0.0, 0.0104), (0.0, 0.0328), (0.0, 0.036)) == [INK, PAPER, PAPER, INK]
 
 
 def stretches(lines: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -82,3 +82,11 @@ def test_mcnemars_power_is_that_of_losses_alone():
 def test_what_cannot_be_compared(new, old, message):
     with pytest.raises(ValueError, match=message):
         rms_ratio_test(new, old, alpha=0.01)
+
+
+def test_many_frames_are_resampled_as_few_are(monkeypatch):
+    generator = np.random.default_rng(8)
+    new, old = errors(generator, 300), errors(generator, 300)
+    kept = rms_ratio_test(new, old, alpha=0.01)
+    monkeypatch.setattr("roundel.validate.paired._KEPT", 10)
+    assert rms_ratio_test(new, old, alpha=0.01).standard_error == pytest.approx(kept.standard_error, rel=1e-12)

@@ -146,23 +146,23 @@ def test_a_lone_candidate_is_judged_by_the_two_solutions(dataset: Dataset, tmp_p
     ("change", "error", "sentence"),
     [
         ({"frame_id": 99}, NotComparableError, "frame 99, which"),
-        ({"normal_x": float("nan")}, DataError, "missing or not finite"),
-        ({"centre_x_m": None}, DataError, "missing or not finite"),
-        ({"normal_x": 0.5}, DataError, "not of unit length"),
-        ({"centre_z_m": -1.0}, DataError, "behind the camera"),
-        ({"normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}, DataError, "points away"),
-        ({"ellipse_b_px": 1e3}, DataError, "a >= b > 0"),
-        ({"fx_px": -3.0}, DataError, "focal lengths"),
-        ({"distortion": [0.1]}, DataError, "1 coefficients; opencv takes 0, 4, 5, 8, 12, 14"),
-        ({"distortion_model": "brown"}, DataError, "distortion_model 'brown' is unknown"),
-        ({"distortion_model": "fisheye", "distortion": [0.1] * 5}, DataError, "5 coefficients; fisheye takes 4"),
-        ({"distortion": [0.1, None, 0.0, 0.0]}, DataError, "not finite"),
-        ({"candidate": 2}, DataError, "neither 0 nor 1"),
-        ({"candidate": 1}, DataError, "two rows for frame 0"),
-        ({"detection_id": -1}, DataError, "detection_id is negative"),
-        ({"status": "fine"}, DataError, "neither ok nor failed"),
-        ({"status": "failed", "chosen": True}, DataError, "chosen, but"),
-        ({"method": None}, DataError, "column method has empty values"),
+        ({"normal_x": float("nan")}, UsageError, "missing or not finite"),
+        ({"centre_x_m": None}, UsageError, "missing or not finite"),
+        ({"normal_x": 0.5}, UsageError, "not of unit length"),
+        ({"centre_z_m": -1.0}, UsageError, "behind the camera"),
+        ({"normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}, UsageError, "points away"),
+        ({"ellipse_b_px": 1e3}, UsageError, "a >= b > 0"),
+        ({"fx_px": -3.0}, UsageError, "focal lengths"),
+        ({"distortion": [0.1]}, UsageError, "1 coefficients; opencv takes 0, 4, 5, 8, 12, 14"),
+        ({"distortion_model": "brown"}, UsageError, "distortion_model 'brown' is unknown"),
+        ({"distortion_model": "fisheye", "distortion": [0.1] * 5}, UsageError, "5 coefficients; fisheye takes 4"),
+        ({"distortion": [0.1, None, 0.0, 0.0]}, UsageError, "not finite"),
+        ({"candidate": 2}, UsageError, "neither 0 nor 1"),
+        ({"candidate": 1}, UsageError, "two rows for frame 0"),
+        ({"detection_id": -1}, UsageError, "detection_id is negative"),
+        ({"status": "fine"}, UsageError, "neither ok nor failed"),
+        ({"status": "failed", "chosen": True}, UsageError, "chosen, but"),
+        ({"method": None}, UsageError, "column method has empty values"),
     ],
 )
 def test_estimates_that_lie(
@@ -176,7 +176,7 @@ def test_estimates_that_lie(
 
 
 def test_both_chosen_is_refused(dataset: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="both candidates are chosen"):
+    with pytest.raises(UsageError, match="both candidates are chosen"):
         scored(dataset, tmp_path, [{**r, "chosen": True} for r in estimate_rows(dataset, ["true"])])
 
 
@@ -185,10 +185,10 @@ def test_files_that_are_no_estimates(dataset: Dataset, tmp_path: Path) -> None:
         read_runs([tmp_path / "nowhere"], dataset)
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(b"PAR1 no")
-    with pytest.raises(DataError, match="not a Parquet file"):
+    with pytest.raises(DataError, match="a damaged Parquet file"):
         read_runs([broken], dataset)
     short = write_estimates(tmp_path / "short.parquet", estimate_rows(dataset, ["true"]), drop=("fx_px", "status"))
-    with pytest.raises(DataError, match="has no column fx_px, status"):
+    with pytest.raises(UsageError, match="has no column fx_px"):
         read_runs([short], dataset)
     empty = write_estimates(tmp_path / "empty" / "estimates.parquet", [])
     with pytest.raises(NotComparableError, match="nothing to score"):

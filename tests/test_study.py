@@ -70,6 +70,13 @@ WRONG = [
     ("pose:", "pose: [", (8, 3), "not YAML"),
     ("frames_per_cell: 2", "frames_per_cell: 2\nsolve: {groups: [mian]}", (12, 9), "did you mean main?"),
     ("frames_per_cell: 2", "frames_per_cell: 2\nsolve: {intrinsics: [calibrated]}", (12, 9), "calibrate_from"),
+    (
+        "frames_per_cell: 2",
+        "frames_per_cell: 2\nsolve: {intrinsics: ['calibrated:5']}",
+        (12, 9),
+        "`calibrated:5` needs solve.calibrate_from",
+    ),
+    ("frames_per_cell: 2", "frames_per_cell: 2\nsolve: {intrinsics: ['calibrated:2']}", (12, 9), "needs 3 views"),
 ]
 
 

@@ -19,13 +19,14 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.files import write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.gate_checks import MIN_CIRCLES
 
-SCHEMA = 1
+SCHEMA = 2
 KEY = ("frame_id", "marker_id", "method", "intrinsics")
 ERRORS = (
+    "oracle_pose_error_bounds",
     "oracle_normal_error_deg",
     "oracle_position_error_m",
-    "ellipse_centre_error_px",
     "contour_error_px",
     "ellipse_centre_x_error_px",
     "ellipse_centre_y_error_px",
@@ -67,7 +68,7 @@ def baseline_of_report(report: str | Path) -> Baseline:
     UsageError
         If there is no report.
     DataError
-        If it is corrupt, or from a version without what a gate needs.
+        If it is corrupt, scores a circle twice, or is from a version without what a gate needs.
     NotComparableError
         If it scored nothing.
     """
@@ -82,22 +83,32 @@ def baseline_of_report(report: str | Path) -> Baseline:
         settings = hashlib.sha256(json.dumps(facts["settings"], sort_keys=True).encode()).hexdigest()
         identity = facts["dataset"]["dataset_id"], facts["checksums"]["images"], settings
         version, roundel = int(facts["metric_version"]), str(facts["versions"]["validate"]["roundel"])
-        rows = table.filter(pc.equal(table["reference"], "truth")).select(list(_COLUMNS))
+        rows = baseline_of_scores(table)
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DataError(
             f"{folder}: not a report that a gate can read ({reason}); validate the dataset again"
         ) from error
-    if rows.num_rows == 0:
-        raise NotComparableError(f"{folder}: no scores, so there is nothing to compare")
-    return Baseline(_compact(rows), *identity, version, [{"reason": "", "roundel": roundel}])
+    _check_rows(rows, folder)
+    return Baseline(rows, *identity, version, [{"reason": "", "roundel": roundel}])
 
 
-def _compact(rows: pa.Table) -> pa.Table:
+def baseline_of_scores(scores: pa.Table) -> pa.Table:
+    """Rows of a baseline: the columns of scores.parquet that a gate compares, against the truth, sorted by `KEY`."""
+    rows = scores.filter(pc.equal(scores["reference"], "truth")).select(list(_COLUMNS))
     for name in _SINGLE:
         at = rows.column_names.index(name)
         rows = rows.set_column(at, name, rows[name].cast(pa.float32()))
     return rows.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
+
+
+def _check_rows(rows: pa.Table, source: Path) -> None:
+    """There are scores, and one a circle and run."""
+    if rows.num_rows == 0:
+        raise NotComparableError(f"{source}: no scores, so there is nothing to compare")
+    keys = rows.select(list(KEY))
+    if keys.group_by(list(KEY)).aggregate([]).num_rows < rows.num_rows:
+        raise DataError(f"{source}: a circle is scored twice in one run; validate the dataset again")
 
 
 def write_baseline(baseline: Baseline, path: str | Path) -> None:
@@ -124,9 +135,9 @@ def read_baseline(path: str | Path) -> Baseline:
     UsageError
         If there is no such file.
     DataError
-        If it is corrupt or none.
+        If it is corrupt or none, or scores a circle twice.
     NotComparableError
-        If another version of Roundel wrote it in another format.
+        If it is empty, or another version of Roundel wrote it in another format.
     """
     file = Path(path)
     if not file.is_file():
@@ -138,6 +149,7 @@ def read_baseline(path: str | Path) -> Baseline:
         if schema != SCHEMA:
             raise NotComparableError(f"{file}: a baseline of format {schema}, not {SCHEMA}; accept a new one")
         rows = table.replace_schema_metadata(None).select(list(_COLUMNS))
+        _check_rows(rows, file)
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
         return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
@@ -152,10 +164,16 @@ def accept(report: str | Path, path: str | Path, reason: str) -> Baseline:
     ------
     UsageError
         If no reason is given, or there is no report.
+    NotComparableError
+        If too few circles are solved for any later verdict.
     """
     if not reason.strip():
         raise UsageError("--reason: say why these scores are right; whoever reads the history will want to know")
     new = baseline_of_report(report)
+    solved = new.rows.filter(new.rows["solved"]).group_by(["method", "intrinsics"]).aggregate([([], "count_all")])
+    most = max(solved["count_all"].to_pylist(), default=0)
+    if most < MIN_CIRCLES:
+        raise NotComparableError(f"{report}: {most} circles are solved; a verdict needs {MIN_CIRCLES}")
     history = read_baseline(path).accepted if Path(path).is_file() else []
     accepted = [*history, {"reason": " ".join(reason.split()), "roundel": new.accepted[0]["roundel"]}]
     baseline = Baseline(new.rows, new.dataset_id, new.images, new.settings, new.metric_version, accepted)

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from roundel.datasets.images import Images
 from roundel.scenes.camera import Camera, camera_from_json, camera_to_json, project
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.scenes.schema import MIN_CALIBRATION_VIEWS
 from roundel.validate.board import BoardLayout, board_points_m, detect_corners, layout_of
 
 Array = NDArray[np.float64]
-
-MIN_VIEWS = 3
 
 
 @dataclass(frozen=True)
@@ -142,10 +141,10 @@ def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibratio
     if len(sizes) > 1:
         raise NotComparableError(f"the views have {len(sizes)} sizes of image; calibrate one camera at a time")
     found = [(view, view.corners_px) for view in views if view.corners_px is not None]
-    if len(found) < MIN_VIEWS:
+    if len(found) < MIN_CALIBRATION_VIEWS:
         raise NotComparableError(
-            f"the chessboard was found in {len(found)} of {len(views)} views; a calibration needs {MIN_VIEWS}: "
-            "render more views, larger or less tilted"
+            f"the chessboard was found in {len(found)} of {len(views)} views; a calibration needs "
+            f"{MIN_CALIBRATION_VIEWS}: render more views, larger or less tilted"
         )
     layouts, corners = [view.layout for view, _ in found], [c for _, c in found]
     camera, rms, check = _fit(layouts, corners, next(iter(sizes)), coefficients)
@@ -161,7 +160,15 @@ def _fit(
     flags = 0 if coefficients == 5 else cv2.CALIB_FIX_K3
     # The camera and the coefficients are outputs; OpenCV's stubs want arrays for them.
     empty: Any = None
-    rms, k, distortion, rotations, translations = cv2.calibrateCamera(points, pixels, size, empty, empty, flags=flags)
+    # With several threads OpenCV 5 adds up in the order in which they finish: the last digits would differ by the run.
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        rms, k, distortion, rotations, translations = cv2.calibrateCamera(
+            points, pixels, size, empty, empty, flags=flags
+        )
+    finally:
+        cv2.setNumThreads(threads)
     coefficient_values = tuple(float(v) for v in np.ravel(distortion)[:coefficients])
     camera = Camera(size[0], size[1], np.asarray(k, dtype=np.float64), coefficient_values)
     squared = []
@@ -170,6 +177,21 @@ def _fit(
         squared.append(np.sum((project(camera, in_camera) - seen) ** 2, axis=-1))
     # A polynomial may have been fitted beyond the field it grows in: a corner out there has no image, and no residual.
     return camera, float(rms), float(np.sqrt(np.nanmean(np.concatenate(squared))))
+
+
+def first_views(views: list[BoardView], count: int | None) -> list[BoardView]:
+    """The first `count` views of a calibration, whether the board was found in them or not; all of them for None.
+
+    Raises
+    ------
+    UsageError
+        If there are not that many.
+    """
+    if count is None:
+        return views
+    if count > len(views):
+        raise UsageError(f"{count} views are asked for, and {len(views)} show a chessboard; ask for as many or fewer")
+    return views[:count]
 
 
 def calibration_to_json(calibration: Calibration, dataset_id: str | None, group: str | None) -> dict[str, Any]:

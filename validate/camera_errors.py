@@ -27,6 +27,7 @@ from roundel.validate.calibration import (
     calibrate_views,
     calibration_group,
     calibration_to_json,
+    first_views,
     look_for_boards,
 )
 from roundel.validate.targets import frame_cameras, poses_of, rows_of_kind
@@ -38,20 +39,38 @@ Array = NDArray[np.float64]
 class ProjectionDifference:
     """Difference of projection between two cameras over the whole image, px.
 
-    `share` is the part of the image's rays that both of them see: a calibrated polynomial may end short of the corners.
+    Attributes
+    ----------
+    x_px, y_px : (w,), (h,) arrays
+        Columns and rows of the grid.
+    plain, rotated : (h, w, 2) array
+        Where a ray lands minus its true pixel, as it is and with the best rotation removed; NaN where one of the two
+        does not see the ray: a calibrated polynomial may end short of the corners.
     """
 
-    mean_px: float
-    max_px: float
-    mean_rotated_px: float
-    max_rotated_px: float
-    share: float
+    x_px: Array
+    y_px: Array
+    plain: Array
+    rotated: Array
+
+    @property
+    def share(self) -> float:
+        """The part of the image's rays that both cameras see."""
+        return float(np.isfinite(self.plain).all(axis=-1).mean())
+
+    def figures(self) -> dict[str, float]:
+        """Mean and maximum over the image, px, as keys of `calibration_errors`."""
+        return {
+            f"projection_{name}{which}_px": float(statistic(np.linalg.norm(offsets, axis=-1)))
+            for which, offsets in (("", self.plain), ("_rotated", self.rotated))
+            for name, statistic in (("mean", np.nanmean), ("max", np.nanmax))
+        }
 
 
 def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference:
     """How far the same ray lands from its true pixel, over a grid of the whole image.
 
-    The second pair has the rotation removed that brings the two nearest in the sense of least squares (mrcal,
+    `rotated` has the rotation removed that brings the two nearest in the sense of least squares (mrcal,
     "Differencing cameras"): a calibration may trade principal point for rotation, and a pose estimated with it does so
     too.
     """
@@ -60,17 +79,14 @@ def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference
     u, v = np.linspace(0, truth.width_px - 1, 33), np.linspace(0, truth.height_px - 1, 19)
     grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
     rays = ray_direction(truth, grid)
-    seen = np.isfinite(project(camera, rays)).all(axis=-1)
-    rays, grid, share = rays[seen], grid[seen], float(seen.mean())
 
     def miss(rotation: Array) -> Array:
         return project(camera, rays @ cv2.Rodrigues(rotation)[0].T) - grid
 
     # A ray that the rotation carries out of the field has no say in the fit.
     fit = least_squares(lambda r: np.nan_to_num(miss(r)).ravel(), np.zeros(3), x_scale=1e-3)
-    plain, rotated = (np.linalg.norm(miss(r), axis=-1) for r in (np.zeros(3), fit.x))
-    mean, largest, *of_rotated = (float(f(d)) for d in (plain, rotated) for f in (np.nanmean, np.nanmax))
-    return ProjectionDifference(mean, largest, of_rotated[0], of_rotated[1], share)
+    plain, rotated = (miss(r).reshape(len(v), len(u), 2) for r in (np.zeros(3), fit.x))
+    return ProjectionDifference(u, v, plain, rotated)
 
 
 def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
@@ -92,10 +108,7 @@ def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
     difference = projection_difference(camera, truth)
     return {
         **_parameter_errors(camera, truth),
-        "projection_mean_px": difference.mean_px,
-        "projection_max_px": difference.max_px,
-        "projection_mean_rotated_px": difference.mean_rotated_px,
-        "projection_max_rotated_px": difference.max_rotated_px,
+        **difference.figures(),
         "projection_share": difference.share,
     }
 
@@ -161,7 +174,9 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
     }
 
 
-def calibrate_dataset(dataset_path: str | Path, camera_path: str | Path, group: str | None = None) -> dict[str, Any]:
+def calibrate_dataset(
+    dataset_path: str | Path, camera_path: str | Path, group: str | None = None, count: int | None = None
+) -> dict[str, Any]:
     """Calibrate from a dataset's chessboards, write the camera file, and tell what it is worth.
 
     Parameters
@@ -171,6 +186,8 @@ def calibrate_dataset(dataset_path: str | Path, camera_path: str | Path, group: 
         Where the camera file goes: the camera keys of `cameras.json`, and no truth.
     group : str, optional
         As `calibrate`.
+    count : int, optional
+        Only the first so many views.
 
     Returns
     -------
@@ -179,7 +196,14 @@ def calibrate_dataset(dataset_path: str | Path, camera_path: str | Path, group: 
     """
     dataset = open_dataset(dataset_path)
     group = calibration_group(dataset.images, group)
-    views = look_for_boards(dataset.images, group)
+    views = first_views(look_for_boards(dataset.images, group), count)
+    return write_calibration(dataset, views, camera_path, group)
+
+
+def write_calibration(
+    dataset: Dataset, views: list[BoardView], camera_path: str | Path, group: str | None
+) -> dict[str, Any]:
+    """The camera file of these views; returns what it is worth, as `calibration_summary`."""
     calibration = calibrate_views(views)
     record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
     write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())

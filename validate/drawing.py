@@ -10,7 +10,11 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+from xml.sax.saxutils import escape
+
+from roundel.datasets.files import sha256
+from roundel.validate.tables import clean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +26,11 @@ INK, GRID = "#010203", "#040506"
 # Each stands for --curve-0 ... in the style sheet, which lightens them for the dark; markers differ as well.
 CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+_TITLE_LIMIT = 300
+
+# Characters that control or reorder what stands beside them; a name of a user's may hold any.
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u00ad\u061c\u200b-\u200f\u202a-\u202e\u2060-\u206f\ufeff]")
 
 # Three panels fill the report's column.
 _PX_PER_PT = 1.6
@@ -46,7 +55,27 @@ def marker(i: int) -> str:
     return MARKERS[i % len(MARKERS)]
 
 
-def draw_svg(name: str, title: str, size_in: tuple[float, float], draw: Callable[[Figure], None]) -> str:
+def legend_text(name: str, limit: int = 40) -> str:
+    """A user's name for matplotlib: on one line, cut, never hidden from a legend, and never read as a formula."""
+    shown = clean(name, limit).replace("$", r"\$")
+    # Labels with an underscore before them are left out of legends.
+    return f" {shown}" if shown.startswith("_") else shown
+
+
+def name_of(*texts: str) -> str:
+    """A figure's name from names of users': different for different ones, and safe as an id."""
+    plain = "-".join(re.sub(r"[^a-z0-9]+", "-", text.lower())[:40].strip("-") for text in texts)
+    safe = all(re.fullmatch(r"[a-z0-9_.:-]{1,40}", text) for text in texts)
+    return plain if safe else f"{plain}-{sha256(chr(0).join(texts).encode('utf-8', 'replace'))[:8]}"
+
+
+def draw_svg(
+    name: str,
+    title: str,
+    size_in: tuple[float, float],
+    draw: Callable[[Figure], None],
+    layout: Literal["constrained"] | None = "constrained",
+) -> str:
     """A figure as SVG for inlining.
 
     Parameters
@@ -59,6 +88,8 @@ def draw_svg(name: str, title: str, size_in: tuple[float, float], draw: Callable
         Inches; nine wide fill the report's column.
     draw : callable
         Draws into the figure it is given. Only the colours INK, GRID and CURVES change with light and dark.
+    layout : "constrained" or None
+        Matplotlib's layout engine; with None, `draw` places the axes.
 
     Returns
     -------
@@ -92,7 +123,7 @@ def draw_svg(name: str, title: str, size_in: tuple[float, float], draw: Callable
         "legend.frameon": False,
     }
     with mpl.rc_context(settings):
-        figure = Figure(figsize=size_in, layout="constrained")
+        figure = Figure(figsize=size_in, layout=layout)
         FigureCanvasSVG(figure)
         draw(figure)
         sink = io.StringIO()
@@ -105,6 +136,7 @@ def inlined(svg: str, name: str, title: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
     svg = re.sub(r"\s*\n\s*", "\n", svg)
+    svg = _CONTROLS.sub("\N{REPLACEMENT CHARACTER}", svg)
     svg = re.sub(r' xmlns:xlink="[^"]*"', "", svg).replace("xlink:href", "href")
     # Figures on one page must not share ids.
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
@@ -115,13 +147,13 @@ def inlined(svg: str, name: str, title: str) -> str:
     for colour, variable in colours.items():
         svg = svg.replace(colour, variable)
     # A hundredth of a point is below any pixel, and half the file.
-    svg = re.sub(r"(\d\.\d\d)\d+", r"\1", svg)
+    svg = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), svg)
     # As wide as the page allows, up to where the letters of all figures are alike; the view box keeps the shape.
     width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', svg)
     widest = f"{_PX_PER_PT * float(width[1]):.0f}px" if width else "100%"
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', rf'\1 style="max-width: {widest}"', svg, count=1)
     svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
-    text = title.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    text = escape(clean(title, _TITLE_LIMIT), {'"': "&quot;"})
     return svg.replace("<svg", f'<svg class="figure" role="img" aria-label="{text}"', 1).strip()
 
 

@@ -5,7 +5,6 @@ The bytes depend on the scores alone.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.drawing import Picture, colour, draw_svg, marker
-from roundel.validate.summary import column, grid_of, intrinsics_rank, is_right
+from roundel.validate.drawing import Picture, colour, draw_svg, legend_text, marker, name_of
+from roundel.validate.run_statistics import column
+from roundel.validate.summary import grid_of, intrinsics_rank, is_right
+from roundel.validate.tables import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,6 +30,9 @@ _MIN_FOR_BAND = 5
 
 # Of more than this nothing could be read: every frame is a dot then.
 _MAX_PANELS = 6
+# A page with more figures than this is no page to read, nor to mail.
+_MAX_PICTURES = 12
+_MAX_DOTS = 500
 
 
 @dataclass(frozen=True)
@@ -46,19 +50,20 @@ ROWS = (
 )
 
 
-def pictures(table: pa.Table) -> list[Picture]:
-    """The paper's figure for each method, reference and group of a table of scores."""
+def pictures(table: pa.Table, first: str = "") -> list[Picture]:
+    """The paper's figure for each method (`first` before the others), reference and group of a table of scores."""
     found = []
     texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
     keys = dict.fromkeys(zip(texts["method"], texts["reference"], texts["group"], strict=True))
     several = len({key[2] for key in keys}) > 1
-    for method, reference, group in sorted(keys, key=lambda k: (k[0], k[1] != "truth", k[2])):
+    for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
         rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
         if method == "chessboard_pnp" or not np.isfinite(column(table, ROWS[0].column)[rows]).any():
             continue
         part = table.filter(pa.array(rows))
-        name = "-".join(re.sub(r"[^a-z0-9]+", "-", text.lower()) for text in (method, reference, group))
-        about = f"Method {method} against the {reference}" + (f", group {group}" if several else "")
+        name = name_of(method, reference, group)
+        about = f"Method {clean(method, 40)} against the {reference}"
+        about += f", group {clean(group, 40)}" if several else ""
         grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
         if grid is not None and len(grid[0]) > 1 and len(grid[1]) <= _MAX_PANELS:
             caption = (
@@ -74,6 +79,8 @@ def pictures(table: pa.Table) -> list[Picture]:
                 "distance."
             )
             found.append(Picture(name, caption, _drawn(name, about, part, None)))
+        if len(found) == _MAX_PICTURES:
+            break
     return found
 
 
@@ -101,7 +108,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
             _scale(axes[0, r] if panels == 1 else axes[r, 0])
         figure.align_ylabels()
         by_name = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
-        names = [label for label in labels if label in by_name]
+        names = [text for text in dict.fromkeys(map(legend_text, labels)) if text in by_name]
         handles = [by_name[label] for label in names]
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5))
 
@@ -134,7 +141,7 @@ def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances:
         half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
         low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
         axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=colour(i), alpha=0.13, lw=0)
-        axes.plot(distances, mean, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=label)
+        axes.plot(distances, mean, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=legend_text(label))
 
 
 def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
@@ -143,11 +150,12 @@ def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
     for i, label in enumerate(labels):
         rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)
         x, y = distance[rows], values[rows]
-        # 500 dots say all that dots can say; more would only make the file large.
-        step = max(1, len(x) // 500)
+        # 500 dots say all that dots can say; more would only make the file large. Every second one of a
+        # low-discrepancy sequence would lie in one half of its range: they are drawn at random.
+        some = np.sort(np.random.default_rng(0).permutation(len(x))[:_MAX_DOTS])
         size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
-        axes.plot(x[::step], y[::step], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
+        axes.plot(x[some], y[some], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
         bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
         line = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
         # Even without a line the legend needs its entry.
-        axes.plot(*line, color=colour(i), marker=marker(i), ms=4, lw=1.4, label=label)
+        axes.plot(*line, color=colour(i), marker=marker(i), ms=4, lw=1.4, label=legend_text(label))

@@ -1,22 +1,29 @@
-"""How sure a number is: bootstrap intervals over frames, Wilson intervals for rates, Holm's correction for families."""
+"""How sure a number is: bootstrap intervals over frames, Wilson intervals for rates, Holm's correction for families.
+
+A frame is what was drawn at random: its circles share camera, light and noise, so that a frame with several circles is
+resampled as one.
+"""
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
 
 LEVEL = 0.95
 # Below these an interval says more about the method than about the data: percentiles need frames in their tail.
 MIN_SAMPLES = {"median": 10, "rms": 20, "p95": 60}
+_Q = {"median": 0.5, "p95": 0.95}
 _RESAMPLES = 1999
+_AT_ONCE = 2_000_000  # numbers in one block of resamples
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ class Interval:
     value, low, high : float or None
         None where there are too few samples to say.
     n : int
-        Samples that it rests on.
+        Frames that it rests on.
     method : str
         `BCa`, `percentile` (where BCa degenerates), `Wilson`, or why there is none.
     """
@@ -40,81 +47,253 @@ class Interval:
     method: str
 
 
-def _median(x: Array, axis: int = -1) -> Array:
-    return np.asarray(np.median(x, axis=axis))
-
-
-def _rms(x: Array, axis: int = -1) -> Array:
-    return np.asarray(np.sqrt(np.mean(x * x, axis=axis)))
-
-
-def _p95(x: Array, axis: int = -1) -> Array:
-    return np.asarray(np.percentile(np.abs(x), 95, axis=axis))
-
-
-STATISTICS: dict[str, Callable[..., Array]] = {"median": _median, "p95": _p95, "rms": _rms}
-
-
-def bootstrap_interval(values: ArrayLike, statistic: str, *, level: float = LEVEL, seed: int = 0) -> Interval:
+def bootstrap_interval(
+    values: ArrayLike, statistic: str, *, clusters: ArrayLike | None = None, level: float = LEVEL, seed: int = 0
+) -> Interval:
     """Bootstrap interval of a statistic over frames: BCa, or percentiles where BCa degenerates.
 
     Parameters
     ----------
     values : (n,) array_like
-        One a frame, independent; what is not finite is left out.
+        What is not finite is left out.
     statistic : {"median", "p95", "rms"}
         `p95` is of magnitudes.
+    clusters : (n,) array_like of int, optional
+        Frame of each value; values of one frame are drawn together. Each its own frame where left out.
     level : float
     seed : int
 
     Returns
     -------
     Interval
-        In the unit of the values. Without bounds below `MIN_SAMPLES`.
+        In the unit of the values. Without bounds below `MIN_SAMPLES` frames.
 
     Notes
     -----
-    B. Efron, Better bootstrap confidence intervals, JASA 82 (1987). On constant data BCa divides by zero.
+    B. Efron, Better bootstrap confidence intervals, JASA 82 (1987). On constant data BCa divides by zero. Order
+    statistics of independent frames need no resampling: their place in the sample has a known (beta) distribution.
     """
     x = np.asarray(values, dtype=np.float64)
-    x = x[np.isfinite(x)]
-    if not len(x):
-        return Interval(None, None, None, 0, "no samples")
-    function = STATISTICS[statistic]
-    value = float(function(x))
-    if len(x) < MIN_SAMPLES[statistic]:
-        return Interval(value, None, None, len(x), f"fewer than {MIN_SAMPLES[statistic]} samples")
-    if np.ptp(x) == 0.0:
-        return Interval(value, value, value, len(x), "percentile")
-    for method in ("BCa", "percentile"):
-        with warnings.catch_warnings():
-            # BCa's acceleration is 0/0 where leaving one frame out changes nothing: the loop then goes on.
-            warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-            warnings.simplefilter("ignore", RuntimeWarning)
-            found = stats.bootstrap(
-                (x,),
-                function,
-                n_resamples=_RESAMPLES,
-                batch=max(1, 4_000_000 // len(x)),
-                vectorized=True,
-                confidence_level=level,
-                method=method,
-                rng=np.random.default_rng(seed),
-            ).confidence_interval
-        if math.isfinite(found.low) and math.isfinite(found.high):
-            break
-    return Interval(value, float(found.low), float(found.high), len(x), method)
+    return bootstrap_intervals(x[:, None], (statistic,), clusters=clusters, level=level, seed=seed)[0][statistic]
 
 
-def wilson_interval(successes: int, n: int, *, level: float = LEVEL) -> Interval:
+def bootstrap_intervals(
+    columns: ArrayLike,
+    statistics: Sequence[str] = tuple(MIN_SAMPLES),
+    *,
+    clusters: ArrayLike | None = None,
+    level: float = LEVEL,
+    seed: int = 0,
+) -> list[dict[str, Interval]]:
+    """`bootstrap_interval` of every statistic of every column (n, m); columns with the same gaps share their draws."""
+    table = np.asarray(columns, dtype=np.float64)
+    label = np.arange(len(table)) if clusters is None else np.asarray(clusters)
+    out: list[dict[str, Interval]] = [{} for _ in range(table.shape[1])]
+    alike: dict[bytes, list[int]] = {}
+    for i, known in enumerate(np.isfinite(table).T):
+        alike.setdefault(known.tobytes(), []).append(i)
+    for group in alike.values():
+        known = np.isfinite(table[:, group[0]])
+        frame = np.unique(label[known], return_inverse=True)[1].astype(np.int64)
+        values = table[known][:, group]
+        for statistic in statistics:
+            found = _intervals(values, frame, statistic, level, seed)
+            for i, interval in zip(group, found, strict=True):
+                out[i][statistic] = interval
+    return out
+
+
+def _intervals(values: Array, frame: Labels, statistic: str, level: float, seed: int) -> list[Interval]:
+    """Of finite columns (n, m), whose rows stand in frames 0 to some number."""
+    if not len(values):
+        return [Interval(None, None, None, 0, "no samples")] * values.shape[1]
+    sized = np.abs(values) if statistic == "p95" else values
+    known = np.sqrt(np.mean(values**2, axis=0)) if statistic == "rms" else np.quantile(sized, _Q[statistic], axis=0)
+    frames = int(frame.max()) + 1
+    if frames < MIN_SAMPLES[statistic]:
+        return [
+            Interval(float(value), None, None, frames, f"fewer than {MIN_SAMPLES[statistic]} frames") for value in known
+        ]
+    draws = _rms_draws(sized, frame, seed) if statistic == "rms" else _quantile_draws(sized, frame, statistic, seed)
+    out = []
+    for value, x, (drawn, left_out) in zip(known.tolist(), sized.T, draws, strict=True):
+        ends = (value, value, "percentile") if np.ptp(x) == 0.0 else _bca(value, drawn, left_out, level)
+        out.append(Interval(value, ends[0], ends[1], frames, ends[2]))
+    return out
+
+
+def _bca(value: float, drawn: Array, left_out: Array, level: float) -> tuple[float, float, str]:
+    """Ends of the interval from resampled values and from those with one frame left out."""
+    tails = np.array([(1 - level) / 2, (1 + level) / 2])
+    z = stats.norm.ppf(tails)
+    below = float(np.mean(drawn < value) + 0.5 * np.mean(drawn == value))
+    d = left_out.mean() - left_out
+    spread = float(np.sum(d * d))
+    method = "percentile"
+    # Where leaving one frame out changes nothing, or all resamples lie on one side, there is nothing to correct by.
+    if 0 < below < 1 and spread > 0:
+        bias, acceleration = float(stats.norm.ppf(below)), float(np.sum(d**3)) / (6.0 * spread**1.5)
+        shifted = bias + z
+        if np.all(1 - acceleration * shifted > 0):
+            tails, method = stats.norm.cdf(bias + shifted / (1 - acceleration * shifted)), "BCa"
+    low, high = np.quantile(drawn, tails)
+    return float(low), float(high), method
+
+
+Draws = list[tuple[Array, Array]]
+
+
+def _rms_draws(values: Array, frame: Labels, seed: int) -> Draws:
+    """Of each column, the resampled RMS and those with one frame left out."""
+    count = np.bincount(frame).astype(np.float64)
+    power = np.stack([np.bincount(frame, x * x) for x in values.T], axis=1)
+    sums = resampled_sums(np.column_stack([power, count]), seed)
+    drawn = np.sqrt(sums[:, :-1] / sums[:, -1:])
+    rest = np.sqrt(np.maximum(power.sum(axis=0) - power, 0.0) / (count.sum() - count)[:, None])
+    return list(zip(drawn.T, rest.T, strict=True))
+
+
+def _quantile_draws(values: Array, frame: Labels, statistic: str, seed: int) -> Draws:
+    q, n, frames, out = _Q[statistic], len(values), int(frame.max()) + 1, []
+    for x in values.T:
+        order = np.argsort(x, kind="stable")
+        ordered, owner = x[order], frame[order]
+        if frames == n:
+            place, part = divmod(q * (n - 1), 1.0)
+            u, v = _order_draws(n, int(place), seed)
+            drawn = (1 - part) * ordered[(u * n).astype(np.int64)] + part * ordered[(v * n).astype(np.int64)]
+        else:
+            drawn = _resampled_quantile(ordered, owner, q, seed)
+        out.append((drawn, _left_out_quantile(ordered, owner, q)))
+    return out
+
+
+@lru_cache(maxsize=32)
+def _order_draws(n: int, j: int, seed: int) -> tuple[Array, Array]:
+    """Draws of the j-th (from 0) of n ordered uniform numbers, and of the next one after it."""
+    generator = np.random.default_rng(seed)
+    u = generator.beta(j + 1, n - j, _RESAMPLES)
+    rest = n - j - 1
+    v = 1 - (1 - u) * generator.random(_RESAMPLES) ** (1.0 / rest) if rest else u
+    # Numbers below one, so that an index below n comes of them.
+    top = np.nextafter(1.0, 0.0)
+    return np.minimum(u, top), np.minimum(v, top)
+
+
+def _resampled_quantile(ordered: Array, owner: Labels, q: float, seed: int) -> Array:
+    """The quantile of samples of whole frames."""
+    n, count = len(ordered), np.bincount(owner)
+    # Only ranks near the quantile's can become it: eight standard deviations of the number below it, if a frame's
+    # values went together. Those below are counted, frame by frame.
+    half = int(8 * math.sqrt(n * q * (1 - q) * count.max())) + 8
+    start, stop = max(0, int(q * (n - 1)) - half), min(n, int(q * (n - 1)) + half)
+    below = np.bincount(owner[:start], minlength=len(count))
+    near, out = ordered[start:stop], []
+    for weight in _weights(len(count), seed):
+        total = (weight @ below)[:, None] + np.cumsum(weight[:, owner[start:stop]], axis=1)
+        place = q * (weight @ count - 1)
+        low = np.floor(place)
+        # The first value whose rank is beyond the place; the last one where none is.
+        a, b = (near[np.minimum(np.sum(total <= k[:, None], axis=1), len(near) - 1)] for k in (low, np.ceil(place)))
+        out.append(a + (place - low) * (b - a))
+    return np.concatenate(out)
+
+
+def _left_out_quantile(ordered: Array, owner: Labels, q: float) -> Array:
+    """The quantile with each frame left out in turn."""
+    count = np.bincount(owner)
+    # Ranks of each frame's values, ascending; beyond its own a rank that no place reaches.
+    ranks = np.full((len(count), count.max()), len(ordered))
+    by_frame = np.argsort(owner, kind="stable")
+    column = np.arange(len(ordered)) - np.repeat(np.cumsum(count) - count, count)
+    ranks[owner[by_frame], column] = by_frame
+    place = q * (len(ordered) - count - 1)
+    ends = []
+    for k in (np.floor(place), np.ceil(place)):
+        at = k.astype(np.int64)
+        for rank in ranks.T:
+            at += rank <= at
+        ends.append(ordered[np.minimum(at, len(ordered) - 1)])
+    return np.asarray(ends[0] + (place - np.floor(place)) * (ends[1] - ends[0]))
+
+
+@lru_cache(maxsize=4)
+def _counts(n: int, seed: int) -> NDArray[np.uint8]:
+    """How often each of n frames is drawn: (resamples, n). All statistics of the same frames share them."""
+    generator, resamples, blocks = np.random.default_rng(seed), resamples_of(n), []
+    step = max(1, _AT_ONCE // n)
+    for start in range(0, resamples, step):
+        rows = min(step, resamples - start)
+        drawn = generator.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
+        times = np.bincount(drawn.ravel(), minlength=rows * n)
+        blocks.append(np.minimum(times, 255).astype(np.uint8).reshape(rows, n))
+    return np.concatenate(blocks)
+
+
+def resamples_of(n: int) -> int:
+    """How often n frames are resampled: fewer times where there are many, whose statistics are the smoother."""
+    return int(np.clip(20_000_000 // max(n, 1), 499, _RESAMPLES))
+
+
+def _weights(n: int, seed: int) -> Iterator[Array]:
+    counts = _counts(n, seed)
+    step = max(1, _AT_ONCE // n)
+    for start in range(0, len(counts), step):
+        yield counts[start : start + step].astype(np.float64)
+
+
+def resampled_sums(values: Array, seed: int = 0) -> Array:
+    """Sums (resamples, columns) over frames (n, columns) that are drawn with replacement."""
+    return np.concatenate([weight @ values for weight in _weights(len(values), seed)])
+
+
+def wilson_interval(successes: float, n: float, *, level: float = LEVEL) -> Interval:
     """Wilson's score interval of a rate: sensible at 0 and at 1, where the textbook's has no width.
 
-    Source: E. B. Wilson, JASA 22 (1927).
+    Source: E. B. Wilson, JASA 22 (1927). Numbers that are no integers are effective ones (`rate_interval`).
     """
     if n == 0:
         return Interval(None, None, None, 0, "no samples")
-    bounds = stats.binomtest(successes, n).proportion_ci(level, method="wilson")
-    return Interval(successes / n, float(bounds.low), float(bounds.high), n, "Wilson")
+    z = float(stats.norm.ppf((1 + level) / 2))
+    rate = successes / n
+    middle = (rate + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n))
+    return Interval(rate, max(0.0, middle - half), min(1.0, middle + half), round(n), "Wilson")
+
+
+def rate_interval(success: ArrayLike, clusters: ArrayLike, *, level: float = LEVEL) -> Interval:
+    """Wilson's interval of a rate whose outcomes come by frames.
+
+    Parameters
+    ----------
+    success : (n,) array_like of bool
+    clusters : (n,) array_like of int
+        Frame of each outcome.
+    level : float
+
+    Notes
+    -----
+    Outcomes of one frame are alike, and count for fewer: their number is divided by the design effect, the variance of
+    the rate between frames over that of as many independent outcomes, never below one. Where all outcomes are equal no
+    variance tells, and a frame counts once. Source: J. N. K. Rao and A. J. Scott, Biometrics 48 (1992).
+    """
+    hit = np.asarray(success, dtype=bool)
+    n = len(hit)
+    if not n:
+        return Interval(None, None, None, 0, "no samples")
+    frame = np.unique(np.asarray(clusters), return_inverse=True)[1]
+    count = np.bincount(frame).astype(np.float64)
+    frames, rate = len(count), float(hit.mean())
+    effect = 1.0
+    if frames < n:
+        effect = n / frames
+        if 0 < rate < 1 and frames > 1:
+            residual = np.bincount(frame, hit) - rate * count
+            variance = frames / (frames - 1) * float(np.sum(residual**2)) / n**2
+            effect = max(1.0, variance / (rate * (1 - rate) / n))
+    found = wilson_interval(rate * n / effect, n / effect, level=level)
+    # The rate itself, without the rounding of the effective numbers.
+    return Interval(rate, found.low, found.high, frames, "Wilson")
 
 
 def holm(p_values: ArrayLike) -> Array:

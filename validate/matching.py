@@ -1,4 +1,4 @@
-"""Which detection is which marker: the nearest contour, one to one.
+"""Which detection is which marker: the nearest contour, or the nearest centre where only that was found, one to one.
 
 A blind solver cannot know a marker's identity. What stays unmatched is an outcome on either side: a marker that was
 not found, a detection of nothing.
@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from roundel.scenes.camera import Camera
 from roundel.validate.metrics import contour_error_px
 from roundel.validate.records import Run
-from roundel.validate.targets import Targets
+from roundel.validate.targets import Targets, columns_of
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Match:
     contour_error_px : (N,) array
         Of the matched detection.
     detections : int
-        Detections with a pose, of any thing.
+        Detections with a pose, an ellipse or a centre, of any thing.
     false_detections : dict
         Number of unmatched detections by frame_id (frames without any are left out).
     """
@@ -131,7 +131,10 @@ def _why_nothing(run: Run, firsts: list[int] | None) -> str:
 
 
 def _contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) -> Array:
-    """Contour error of each (target, row) pair, by groups of one used camera; infinite where there is none."""
+    """Contour error of each (target, row) pair, by groups of one used camera; infinite where there is none.
+
+    Of a row without an ellipse, the distance between its centre's image and the true one.
+    """
     out = np.full(len(pairs), np.inf)
     if not pairs:
         return out
@@ -141,6 +144,12 @@ def _contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) ->
             camera: Camera = run.cameras[index]
             value = contour_error_px(targets.contour_px[target[part]], run.ellipse[row[part]], camera)
             out[part] = np.where(np.isfinite(value), value, np.inf)
+    # Where there is no ellipse, a point is held against the image of the circle's centre.
+    bare = np.flatnonzero(np.isnan(run.ellipse[row, 0]))
+    if len(bare):
+        true = columns_of(targets.truth, ["centre_image_x_px", "centre_image_y_px"])[target[bare]]
+        away = np.linalg.norm(run.centre_px[row[bare]] - true, axis=-1)
+        out[bare] = np.where(np.isfinite(away), away, np.inf)
     return out
 
 

@@ -21,14 +21,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Metric:
-    """What a number is: its column, its name for people, unit, frame and definition."""
+    """What a number is: its column, its name for people, unit, frame, definition, and where that comes from.
+
+    `of` says what is measured: a candidate `pose`, or the `ellipse`, which both candidates share.
+    """
 
     column: str
     title: str
     unit: str
     frame: str
     definition: str
+    source: str
+    of: str = "pose"
 
+
+_PAPER = "Mariyanayagam et al., Pose estimation of a single circle using default intrinsic calibration, section V"
+_OWN = "Roundel"
+_BOP = "Hodan et al., BOP Challenge 2020 on 6D object localization, section 2.2"
 
 METRICS: tuple[Metric, ...] = (
     Metric(
@@ -37,12 +46,24 @@ METRICS: tuple[Metric, ...] = (
         "deg",
         "camera",
         "Angle between the estimated and the true normal, atan2(|a x b|, a . b).",
+        _PAPER,
     ),
-    Metric("position_error_m", "Position", "m", "camera", "Distance between the estimated and the true centre."),
-    Metric("position_error_D", "Position", "D", "camera", "The same, in marker diameters."),
-    Metric("position_error_pct", "Position", "% of distance", "camera", "The same, in percent of the true distance."),
-    Metric("along_ray_m", "Along the ray", "m", "true ray", "Signed part of it along the true ray; positive: too far."),
-    Metric("across_ray_m", "Across the ray", "m", "true ray", "Length of the part of it across the true ray."),
+    Metric(
+        "position_error_m", "Position", "m", "camera", "Distance between the estimated and the true centre.", _PAPER
+    ),
+    Metric("position_error_D", "Position", "D", "camera", "The same, in marker diameters.", _PAPER),
+    Metric(
+        "position_error_pct", "Position", "% of distance", "camera", "The same, in percent of the true distance.", _OWN
+    ),
+    Metric(
+        "along_ray_m",
+        "Along the ray",
+        "m",
+        "true ray",
+        "Signed part of it along the true ray; positive: too far.",
+        _OWN,
+    ),
+    Metric("across_ray_m", "Across the ray", "m", "true ray", "Length of the part of it across the true ray.", _OWN),
     Metric(
         "reprojection_error_px",
         "Reprojection",
@@ -50,6 +71,43 @@ METRICS: tuple[Metric, ...] = (
         "delivered image",
         "Mean over a 3x3 grid in the marker's plane of the distance between its true image and the image of the "
         "estimated grid through the intrinsics that the estimate used; in-plane rotation by the minimal rotation.",
+        _PAPER,
+    ),
+    Metric(
+        "centre_image_error_px",
+        "Centre's image",
+        "px",
+        "delivered image",
+        "Distance between the image of the circle's centre and that of the estimated one through the intrinsics that "
+        "the estimate used; of a method without poses, the point that it gives.",
+        _OWN,
+    ),
+    Metric(
+        "pose_error_bounds",
+        "Pose, over its bound",
+        "1",
+        "true marker",
+        "sqrt(e^T F e / 5): e holds the rotation about the marker's X and Y axes from the true normal to the estimated "
+        "one and the error of the centre, F is the frame's Fisher information; about 1 for an efficient method.",
+        "Mahalanobis 1936; F of the errata, section 6",
+    ),
+    Metric(
+        "mssd_m",
+        "MSSD",
+        "m",
+        "camera",
+        "Maximum symmetry-aware surface distance: the largest distance between corresponding points of the true and "
+        "the estimated rim, at the turn about the disc's normal that makes it least.",
+        _BOP,
+    ),
+    Metric(
+        "mspd_px",
+        "MSPD",
+        "px",
+        "delivered image",
+        "Maximum symmetry-aware projection distance: the same in the image, both rims seen by the true camera, "
+        "whatever intrinsics the estimate used.",
+        _BOP,
     ),
     Metric(
         "ellipse_centre_error_px",
@@ -57,6 +115,8 @@ METRICS: tuple[Metric, ...] = (
         "px",
         "delivered image",
         "Distance between the centres of the estimated and the true ellipse.",
+        _OWN,
+        "ellipse",
     ),
     Metric(
         "contour_error_px",
@@ -64,15 +124,16 @@ METRICS: tuple[Metric, ...] = (
         "px",
         "delivered image",
         "Mean distance from the true contour to its nearest point on the estimated ellipse.",
+        _OWN,
+        "ellipse",
     ),
 )
 
 # Raised when a definition changes: scores of different versions are not compared.
-METRIC_VERSION = 1
+METRIC_VERSION = 2
 
-# Metrics of a candidate pose; the other two are of the ellipse alone, and the same for both candidates.
-POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS[:7])
-ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS[7:])
+POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "pose")
+ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "ellipse")
 
 
 def normal_error_deg(a: ArrayLike, b: ArrayLike) -> Array:
@@ -190,6 +251,48 @@ def reprojection_error_px(
     used_px = project(camera_used, c[..., None, :] + carried)
     error = np.linalg.norm(used_px - true_px, axis=-1).mean(axis=-1)
     return np.where(opposite, np.nan, error)
+
+
+def pose_error_bounds(
+    camera_from_marker: ArrayLike, normal: ArrayLike, centre_m: ArrayLike, information: ArrayLike
+) -> Array:
+    """Length of a pose's error in units of its own Cramer-Rao bound: sqrt(e^T F e / 5).
+
+    Parameters
+    ----------
+    camera_from_marker : (..., 4, 4) array_like
+        True pose.
+    normal, centre_m : (..., 3) array_like
+        Estimated pose.
+    information : (..., 5, 5) array_like
+        Fisher information F at the true pose, as `scenes.information.contour_information` returns it: rotation about
+        the marker's X and Y axes (rad), centre (m) in the camera frame.
+
+    Returns
+    -------
+    (...) array
+        Dimensionless. e^T F e is a chi-square of 5 degrees for an efficient method, so that the RMS is 1. NaN where F
+        is.
+
+    Notes
+    -----
+    e is the error in the parameters of F: the rotation vector of the minimal rotation between the normals has no part
+    about the marker's Z, and the in-plane rotation of a circle is not seen. The normal and the position of a circle are
+    correlated (a tilt looks like a shift): the one number says what the two errors alone do not.
+    """
+    pose = np.asarray(camera_from_marker, dtype=np.float64)
+    true_normal = pose[..., :3, 2]
+    cross = np.cross(true_normal, np.asarray(normal, dtype=np.float64))
+    sine = np.linalg.norm(cross, axis=-1)
+    angle = np.arctan2(sine, np.sum(true_normal * np.asarray(normal, dtype=np.float64), axis=-1))
+    # Opposite normals are half a turn apart about any axis of the plane; X stands for it.
+    axis = np.where(sine[..., None] > 0, cross / np.where(sine > 0, sine, 1.0)[..., None], pose[..., :3, 0])
+    turn = angle[..., None] * axis
+    about = [np.sum(turn * pose[..., :3, i], axis=-1) for i in (0, 1)]
+    shift = np.asarray(centre_m, dtype=np.float64) - pose[..., :3, 3]
+    e = np.concatenate([np.stack(about, axis=-1), shift], axis=-1)
+    power = np.einsum("...i,...ij,...j->...", e, np.asarray(information, dtype=np.float64), e)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0) / 5.0))
 
 
 def ellipse_centre_offset_px(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
+from roundel.scenes.schema import calibration_views
 from roundel.validate.reference import METHOD as CHESSBOARD
 from roundel.validate.summary import is_right, number
 
@@ -129,12 +130,11 @@ def commands(summary: dict[str, Any]) -> list[str]:
     labels = list(dict.fromkeys(r["intrinsics"] for r in runs))
     lines = ["roundel render DATASET/study.yaml DATASET"]
     settings, camera = summary["settings"], ""
-    calibrated = [label for label in labels if label.startswith("calibrated:")]
     reference = settings.get("reference_intrinsics") or ""
-    if calibrated or reference.startswith("calibrated:"):
-        stem = (calibrated[0] if calibrated else reference).partition(":")[2]
-        camera = shlex.quote(f"{stem}.json")
-        lines.append(f"roundel calibrate DATASET {camera}")
+    for label in dict.fromkeys(x for x in (*labels, reference) if x.startswith("calibrated:")):
+        camera = shlex.quote(f"{label.partition(':')[2]}.json")
+        views = calibration_views(label)
+        lines.append(f"roundel calibrate DATASET {camera}" + (f" --views {views}" if views else ""))
     options = "".join(f" --method {shlex.quote(m)}" for m in methods)
     for label in labels:
         value = f"{label}.json" if label.startswith("calibrated:") else label

@@ -17,11 +17,13 @@ from roundel.validate.board import grey
 from roundel.validate.metrics import contour_of_ellipse_px
 from roundel.validate.scores import Scores
 from roundel.validate.summary import intrinsics_rank, is_right, number
+from roundel.validate.tables import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
 
 # Larger crops are thinned: beyond this the eye sees no more, and the report grows.
 _MAX_CROP_PX = 220
+_MAX_OVERLAYS = 48
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,10 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
     """
     found: list[Overlay] = []
     table = scores.table
-    for method in sorted({method for method, _ in scores.matched}):
+    methods = sorted({method for method, _ in scores.matched})
+    # Many methods share what a page can hold.
+    errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
+    for method in methods[: _MAX_OVERLAYS // 2]:
         labels = (label for m, label in scores.matched if m == method)
         label = min(labels, key=lambda label: (not is_right(label), intrinsics_rank(label)))
         rows = _rows(table, method, label)
@@ -81,9 +86,8 @@ def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
         )
     else:
         what = f"not solved: {row['reason']}"
-    return Overlay(
-        f"{title} ({row['method']}, {row['intrinsics']})", f"{place}. {what}", _svg(dataset, row, truth, estimate)
-    )
+    names = ", ".join(clean(row[name], NAME_LIMIT) for name in ("method", "intrinsics"))
+    return Overlay(f"{title} ({names})", f"{place}. {clean(what, 300)}", _svg(dataset, row, truth, estimate))
 
 
 def _svg(dataset: Dataset, row: dict[str, Any], truth: Array, estimate: Array | None) -> str:
@@ -121,7 +125,9 @@ def _points(dataset: Dataset, i: int, row: dict[str, Any], size: int) -> str:
     """Edge points of a frame without an image, as dots."""
     points = dataset.images.points(i).get(row["marker_id"], np.empty((0, 2)))
     radius = size / 250
-    return "".join(f'<circle class="point" cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}"/>' for x, y in points[:600])
+    # Evenly spread along the contour: so many are enough to see it.
+    some = np.unique(np.linspace(0, max(len(points) - 1, 0), min(len(points), 300)).astype(int))
+    return "".join(f'<circle class="point" cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}"/>' for x, y in points[some])
 
 
 def _image(image: NDArray[Any], x0: int, y0: int, width: int, height: int) -> str:

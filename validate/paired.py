@@ -17,6 +17,8 @@ from scipy import stats
 Array = NDArray[np.float64]
 
 _RESAMPLES = 2000
+# Draws of so many rows are kept in memory, 100 MB at most.
+_KEPT = 6000
 _POWER = 0.95
 
 
@@ -101,8 +103,7 @@ def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     if error == 0.0:
         return PairedTest(abs(mean), 0.0, float(mean == 0.0), n, 0.0)
     p = 2.0 * float(stats.t.sf(abs(mean) / error, n - 1))
-    detectable = (stats.norm.isf(alpha / 2) + stats.norm.ppf(_POWER)) * error
-    return PairedTest(abs(mean), error, p, n, float(detectable))
+    return PairedTest(abs(mean), error, p, n, detectable_effect(error, alpha / 2))
 
 
 def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
@@ -132,6 +133,11 @@ def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     return PairedTest((lost - won) / n, error, p, n, detectable)
 
 
+def detectable_effect(standard_error: float, alpha: float) -> float:
+    """The effect that a one-sided test at `alpha` shows in 95 of 100 cases."""
+    return float((stats.norm.isf(alpha) + stats.norm.ppf(_POWER)) * standard_error)
+
+
 def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
     a, b = np.asarray(new, dtype=np.float64), np.asarray(old, dtype=np.float64)
     if a.shape != b.shape or a.ndim not in (1, 2):
@@ -145,18 +151,22 @@ def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
 
 def _resampled(values: Array, seed: int) -> Array:
     """Sums (resamples, columns) of rows (n, columns) drawn with replacement."""
-    return np.asarray(_draws(len(values), seed) @ values)
+    n = len(values)
+    if n <= _KEPT:
+        return np.asarray(_draws(n, _RESAMPLES, seed) @ values)
+    # The same draws, a few resamples at a time: memory stays bounded whatever the number of rows.
+    generator = np.random.default_rng(seed)
+    chance = np.full(n, 1.0 / n)
+    return np.stack([generator.multinomial(n, chance) @ values for _ in range(_RESAMPLES)])
 
 
 @lru_cache(maxsize=2)
-def _draws(n: int, seed: int) -> Array:
+def _draws(n: int, resamples: int, seed: int) -> Array:
     """How often each of n rows is drawn: (resamples, n). A family of tests on the same frames shares it."""
     generator = np.random.default_rng(seed)
-    # 2,000 frames take 32 MB.
-    return generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES).astype(np.float64)
+    return generator.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 
 
 def _tested(effect: float, error: float, n: int, alpha: float) -> PairedTest:
     p = float(stats.norm.sf(effect / error)) if error > 0 else float(effect <= 0)
-    detectable = float((stats.norm.isf(alpha) + stats.norm.ppf(_POWER)) * error)
-    return PairedTest(effect, error, p, n, detectable)
+    return PairedTest(effect, error, p, n, detectable_effect(error, alpha))

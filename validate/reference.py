@@ -34,10 +34,13 @@ class Reference:
         Rows of scores.parquet: the boards' poses against the truth.
     circles : Targets or None
         The circles that stand beside a board, as the board places them.
+    circle_rows : pyarrow.Table or None
+        The same poses as rows of scores.parquet, against the truth: what the board is worth on the circle's own grid.
     """
 
     rows: pa.Table
     circles: Targets | None
+    circle_rows: pa.Table | None = None
 
 
 def reference_of(
@@ -81,7 +84,29 @@ def reference_of(
             # Where disc and board lie on the sheet is known to whoever printed it; the truth serves as that drawing.
             board_from_circle = np.linalg.inv(true_poses[key]) @ circles.camera_from_marker[i]
             placed[i] = estimates[key] @ board_from_circle
-    return Reference(rows, board_targets(circles, placed, camera))
+    found = np.isfinite(placed).all(axis=(1, 2))
+    candidates = _candidates(found, placed, circles.camera, cameras, camera)
+    reason = ["" if there else "the chessboard was not found" for there in found.tolist()]
+    circle_rows = score_rows(circles, candidates, reason, METHOD, label, "truth")
+    return Reference(rows, board_targets(circles, placed, camera), circle_rows)
+
+
+def _candidates(
+    found: NDArray[np.bool_], pose: Array, index: NDArray[np.int64], cameras: list[Camera], camera: Camera | None
+) -> Candidates:
+    """One pose a target: (N, 4, 4), by the camera of the reference or by each frame's own."""
+    n = len(found)
+    has = np.stack([found, np.zeros(n, dtype=bool)], axis=1)
+    two = np.stack([pose, np.full_like(pose, np.nan)], axis=1)
+    return Candidates(
+        has,
+        has,
+        two[:, :, :3, 2],
+        two[:, :, :3, 3],
+        np.full((n, 2, 5), np.nan),
+        np.zeros((n, 2), dtype=np.int64) if camera else np.stack([index, index], axis=1),
+        [camera] if camera else cameras,
+    )
 
 
 def _rows(
@@ -97,9 +122,8 @@ def _rows(
     keys = list(true_poses)
     n = len(keys)
     layouts = {(view.frame_id, view.marker_id): view.layout for view in views}
-    has = np.array([[key in estimates, False] for key in keys], dtype=bool).reshape(n, 2)
+    found = np.array([key in estimates for key in keys], dtype=bool)
     pose = np.stack([estimates.get(key, np.full((4, 4), np.nan)) for key in keys]) if n else np.empty((0, 4, 4))
-    two = np.stack([pose, np.full_like(pose, np.nan)], axis=1)
     frame_camera = np.array([index[frame] for frame, _ in keys], dtype=np.int64)
     targets = Targets(
         np.array([frame for frame, _ in keys], dtype=np.int64),
@@ -114,16 +138,8 @@ def _rows(
         np.full((n, 3), np.nan),
         truth,
     )
-    candidates = Candidates(
-        has,
-        has,
-        two[:, :, :3, 2],
-        two[:, :, :3, 3],
-        np.full((n, 2, 5), np.nan),
-        np.zeros((n, 2), dtype=np.int64) if camera else np.stack([frame_camera, frame_camera], axis=1),
-        [camera] if camera else cameras,
-    )
-    reason = ["" if found else "the chessboard was not found" for found in has[:, 0]]
+    candidates = _candidates(found, pose, frame_camera, cameras, camera)
+    reason = ["" if there else "the chessboard was not found" for there in found.tolist()]
     return score_rows(targets, candidates, reason, METHOD, label, "truth")
 
 

@@ -2,76 +2,119 @@
 
 from __future__ import annotations
 
-from importlib import resources
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from roundel.datasets.fidelity_summary import fidelity_lines
 from roundel.validate.drawing import Picture
 from roundel.validate.narrative import commands, intrinsics_in_words, main_run, sentences
 from roundel.validate.overlays import Overlay
-from roundel.validate.reference import METHOD as CHESSBOARD
+from roundel.validate.page import Tables, figures, fill, presentable, shown_table
+from roundel.validate.report_tables import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.summary import number
+from roundel.validate.tables import Table
+
+# Style of an outcome; the word itself says it, for those who see no colours.
+_COLOURS = {"holds": "good", "does not hold": "bad"}
 
 
-def signed(value: float | None) -> str:
-    """A number with its sign, a dash for none."""
-    if value is None or not np.isfinite(value):
-        return "-"
-    text = number(abs(value))
-    # What rounds to nothing has no sign.
-    if not text.strip("0."):
-        return text
-    return ("+" if value > 0 else "\N{MINUS SIGN}") + text
+@dataclass(frozen=True)
+class Pictures:
+    """The report's figures by where they stand; a figure that a verdict names stands beside that verdict."""
+
+    lead: list[Picture] = field(default_factory=list)
+    verdicts: list[Picture] = field(default_factory=list)
+    errors: list[Picture] = field(default_factory=list)
+    sweeps: list[Picture] = field(default_factory=list)
+    matrix: list[Picture] = field(default_factory=list)
+    comparison: list[Picture] = field(default_factory=list)
+    calibration: list[Picture] = field(default_factory=list)
 
 
-def render_report(summary: dict[str, Any], pictures: list[Picture], overlays: list[Overlay]) -> str:
+def render_report(
+    summary: dict[str, Any], pictures: Pictures, overlays: Sequence[Overlay], more: Sequence[Table] = ()
+) -> str:
     """The report as HTML.
 
     Parameters
     ----------
     summary : dict
         From `summarise`, with its checksums.
-    pictures, overlays : list
+    pictures : Pictures
+    overlays : sequence of Overlay
         Their SVG is ours and goes in as it is; everything else is escaped.
+    more : sequence of Table
+        Tables that a summary does not hold.
     """
-    from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(number=number, signed=signed)
-    room = resources.files("roundel.validate")
-    template = environment.from_string((room / "report.html.j2").read_text(encoding="utf-8"))
-    runs = summary["runs"]
-    truth_runs = [r for r in runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
-    versions = summary["versions"]
-    html = template.render(
-        css=Markup((room / "report.css").read_text(encoding="utf-8")),
-        data=summary["dataset"],
-        settings=summary["settings"],
+    summary = presentable(summary)
+    data, versions, measured = summary["dataset"], summary["versions"], summary["dataset"]["fidelity"]
+    tables = Tables({**report_tables(summary), **{table.name: table for table in more}})
+    verdicts = _verdicts(summary.get("verdicts") or [], pictures.verdicts)
+    reason = (summary["calibration"] or {}).get("reason")
+    chessboard = reason or pictures.calibration or any(tables[n] for n in ("calibrations", "boards"))
+    sections = (
+        (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
+        (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Every variable"),
+        (True, "results", "Results"),
+        (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
+        (True, "metrics", "Definitions"), (True, "made", "How it was made"),
+    )  # fmt: skip
+    return fill(
+        "report.html.j2",
+        data=data,
+        groups=_groups(data["groups"]),
+        sections=[(name, text) for there, name, text in sections if there],
         sentences=sentences(summary),
         cards=_cards(summary),
-        truth_runs=truth_runs,
-        board_runs=[r for r in runs if r["reference"] == "chessboard"],
-        boards=[r for r in runs if r["method"] == CHESSBOARD],
-        groups=[g for g in summary["groups"] if g["reference"] == "truth" and g["method"] != CHESSBOARD],
-        any_chosen=any(r["branch_chosen"] for r in truth_runs),
-        failures=_failures(summary["failures"]),
-        facts=_facts(summary),
-        fidelity=_fidelity(summary),
-        fidelity_lines=fidelity_lines(summary["dataset"]["fidelity"]),
-        cells=summary["cells"],
-        calibration=summary["calibration"],
-        metrics=summary["metrics"],
-        versions=versions,
-        packages=sorted(set(versions["validate"]) | set(versions["render"] or {})),
-        checksums=summary["checksums"],
-        commands=commands(summary),
-        pictures=[{"caption": p.caption, "svg": Markup(p.svg)} for p in pictures],
+        lead=figures(pictures.lead),
+        answer=(summary.get("worth") or {}).get("answer") or [""],
+        verdicts=verdicts,
+        errors=figures(pictures.errors),
+        sweeps=figures(pictures.sweeps),
+        matrix=figures(pictures.matrix),
+        comparison=figures(pictures.comparison),
+        maps=figures(pictures.calibration),
+        tables=tables,
+        no_calibration=reason,
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],
+        definitions=shown_table(metric_table(summary["metrics"])),
+        commands=commands(summary),
+        settings=shown_table(pairs_table("settings", "Settings", ("Setting", "Value"), _facts(summary), "")),
+        fidelity=shown_table(fidelity_table(measured)) if (measured or {}).get("circles") else None,
+        no_fidelity=f"{fidelity_lines(measured)[0].capitalize()}.",
+        versions=shown_table(
+            pairs_table("versions", "Versions", ("Package", "Validation", "Rendering"), _versions(versions), "")
+        ),
+        checksums=shown_table(pairs_table("checksums", "Checksums", ("File", "sha256"), _checksums(summary), "")),
+        version=versions["validate"]["roundel"],
     )
-    return html.strip() + "\n"
+
+
+def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[dict[str, Any]]:
+    """Verdicts, each with the figure that it names; a figure stands once, beside the first that names it."""
+    left = {shown["name"]: shown for shown in figures(pictures)}
+    keys = ("claim", "outcome", "sentence", "condition")
+    rows = [
+        {
+            **{k: v.get(k) for k in keys},
+            "colour": _COLOURS.get(v.get("outcome", ""), ""),
+            "figure": left.pop(v.get("picture"), None),
+        }
+        for v in verdicts
+    ]
+    # Figures that no verdict names come last, with nothing said: the list of claims counts only what is claimed.
+    return [*rows, *({**dict.fromkeys(keys), "colour": "", "figure": shown} for shown in left.values())]
+
+
+def _groups(groups: dict[str, int], most: int = 8) -> str:
+    """Groups and their frames, where there are several."""
+    if len(groups) < 2:
+        return ""
+    named = ", ".join(f"{name}: {count}" for name, count in list(groups.items())[:most])
+    return named + (f" and {len(groups) - most} more groups" if len(groups) > most else "")
 
 
 def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
@@ -79,48 +122,24 @@ def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
     run = main_run(summary)
     oracle, label = run["oracle"], intrinsics_in_words(run["intrinsics"])
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
+    normal, position, around = (
+        number(oracle[f"{name}_error_{unit}"]["median"])
+        for name, unit in (("normal", "deg"), ("position", "pct"), ("reprojection", "px"))
+    )
     return [
         {"value": share, "label": f"of {run['n']} circles solved"},
-        {
-            "value": f"{number(oracle['normal_error_deg']['median'])}\N{DEGREE SIGN}",
-            "label": f"normal, median, with {label}",
-        },
-        {"value": f"{number(oracle['position_error_pct']['median'])} %", "label": "position, of the distance, median"},
-        {
-            "value": f"{number(oracle['reprojection_error_px']['median'])} px",
-            "label": "reprojection around the marker, median",
-        },
+        {"value": f"{normal}\N{DEGREE SIGN}", "label": f"normal, median, with {label}"},
+        {"value": f"{position} %", "label": "position, of the distance, median"},
+        {"value": f"{around} px", "label": "reprojection around the marker, median"},
     ]
-
-
-def _failures(failures: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Failures with the intrinsics that share them in one row: detection comes before intrinsics, so most do."""
-    rows: dict[tuple[Any, ...], list[str]] = {}
-    for f in failures:
-        rows.setdefault((f["method"], f["reference"], f["reason"], f["count"]), []).append(f["intrinsics"])
-    names = ("method", "reference", "reason", "count")
-    return [{**dict(zip(names, key, strict=True)), "intrinsics": ", ".join(labels)} for key, labels in rows.items()]
 
 
 def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Settings as lines of text."""
     flat: list[tuple[str, Any]] = []
     for key, value in summary["settings"].items():
-        flat.extend((f"{key}: {k}", v) for k, v in value.items()) if isinstance(value, dict) else flat.append(
-            (key, value)
-        )
+        flat += [(f"{key}: {k}", v) for k, v in value.items()] if isinstance(value, dict) else [(key, value)]
     return [(key, _plain(value)) for key, value in flat]
-
-
-def _fidelity(summary: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of fidelity: over all circles, then by effect if there are several."""
-    measured = summary["dataset"]["fidelity"] or {}
-    if not measured.get("circles"):
-        return []
-    effects = measured.get("by_effect", {})
-    rows = [{"effect": "every one" if len(effects) > 1 else next(iter(effects), "every one"), **measured}]
-    rows += [{"effect": name, **figures} for name, figures in effects.items()] if len(effects) > 1 else []
-    return [{**row, "effect": row["effect"].replace("_", " ")} for row in rows]
 
 
 def _plain(value: Any) -> str:
@@ -129,3 +148,13 @@ def _plain(value: Any) -> str:
     if isinstance(value, float):
         return number(value, 4)
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _versions(versions: dict[str, Any]) -> list[tuple[str, str, str]]:
+    validation, rendering = versions["validate"], versions["render"] or {}
+    names = sorted(set(validation) | set(rendering))
+    return [(name, str(validation.get(name, "-")), str(rendering.get(name) or "-")) for name in names]
+
+
+def _checksums(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    return [("dataset_id", summary["dataset"]["dataset_id"]), *((k, str(v)) for k, v in summary["checksums"].items())]

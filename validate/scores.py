@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera import distort_px, project
 from roundel.scenes.errors import NotComparableError
 from roundel.validate.bounds import Bounds, bounds_of
 from roundel.validate.matching import Match, groups_of, match
@@ -19,10 +20,13 @@ from roundel.validate.metrics import (
     contour_error_px,
     ellipse_centre_offset_px,
     normal_error_deg,
+    pose_error_bounds,
     position_errors,
     reprojection_error_px,
 )
 from roundel.validate.records import Run
+from roundel.validate.sweeps import COLUMNS as SWEEP
+from roundel.validate.symmetry import mspd_px, mssd_m
 from roundel.validate.targets import Targets
 
 Array = NDArray[np.float64]
@@ -47,6 +51,9 @@ SCORES_SCHEMA = pa.schema(
         ("marker_id", pa.int64()),
         *[(name, pa.string()) for name in ("method", "intrinsics", "reference", "group", "kind")],
         *[(name, pa.float64()) for name in VARIABLES],
+        ("sweep_level", pa.float64()),
+        ("sweep_frame", pa.int64()),
+        ("detected", pa.bool_()),
         ("solved", pa.bool_()),
         ("reason", pa.string()),
         *[(name, pa.float64()) for name in POSE_METRICS],
@@ -83,7 +90,11 @@ class Scores:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Up to two poses a target: (N, 2, ...) arrays; `has` says which exist. `camera` indexes `cameras`."""
+    """Up to two poses a target: (N, 2, ...) arrays; `has` says which exist. `camera` indexes `cameras`.
+
+    `found` says which were detected, with a pose or without; `centre_px` is where the image of the centre is. None: all
+    that were detected have poses.
+    """
 
     has: NDArray[np.bool_]
     chosen: NDArray[np.bool_]
@@ -92,6 +103,12 @@ class Candidates:
     ellipse: Array
     camera: NDArray[np.int64]
     cameras: list[Any]
+    found: NDArray[np.bool_] | None = None
+    centre_px: Array | None = None
+
+    def detected(self) -> NDArray[np.bool_]:
+        """(N, 2) array: which were detected."""
+        return self.has if self.found is None else self.found
 
 
 def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | None = None) -> Scores:
@@ -177,17 +194,20 @@ def _same_markers(a: Targets, b: Targets) -> NDArray[np.int64]:
 def matched_candidates(found: Match, run: Run) -> Candidates:
     """The matched rows of a run, target by target."""
     rows = found.rows
-    has = rows >= 0
-    # Row 0 stands in where there is none; `has` keeps it out of every number.
-    safe = np.where(has, rows, 0)
+    there = rows >= 0
+    # Row 0 stands in where there is none; `there` and `has` keep it out of every number.
+    safe = np.where(there, rows, 0)
+    has = there & run.posed[safe]
     return Candidates(
         has,
-        has & run.chosen[safe],
+        there & run.chosen[safe],
         np.where(has[..., None], run.normal[safe], np.nan),
         np.where(has[..., None], run.centre_m[safe], np.nan),
-        np.where(has[..., None], run.ellipse[safe], np.nan),
-        np.where(has, run.camera[safe], -1),
+        np.where(there[..., None], run.ellipse[safe], np.nan),
+        np.where(there, run.camera[safe], -1),
         run.cameras,
+        there,
+        np.where(there[..., None], run.centre_px[safe], np.nan),
     )
 
 
@@ -195,7 +215,15 @@ def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidat
     """Some of the rows."""
     c = candidates
     return Candidates(
-        c.has[rows], c.chosen[rows], c.normal[rows], c.centre_m[rows], c.ellipse[rows], c.camera[rows], c.cameras
+        c.has[rows],
+        c.chosen[rows],
+        c.normal[rows],
+        c.centre_m[rows],
+        c.ellipse[rows],
+        c.camera[rows],
+        c.cameras,
+        None if c.found is None else c.found[rows],
+        None if c.centre_px is None else c.centre_px[rows],
     )
 
 
@@ -216,10 +244,13 @@ def score_rows(
     n, columns = len(targets), np.arange(len(targets))
     solved = candidates.has.any(axis=1)
     placed = targets.placed
-    values = _pose_metrics(targets, candidates, placed)
-    error = np.where(np.isnan(values["normal_error_deg"]), np.inf, values["normal_error_deg"])
+    values = _pose_metrics(targets, candidates, placed, bounds)
+    # A detection without a pose is still before nothing.
+    nothing = np.where(candidates.detected(), 1e9, np.inf)
+    error = np.where(np.isnan(values["normal_error_deg"]), nothing, values["normal_error_deg"])
     oracle = np.argmin(error, axis=1)
     chosen = np.argmax(candidates.chosen, axis=1)
+    values |= _symmetric_metrics(targets, candidates, candidates.chosen | (np.arange(2) == oracle[:, None]))
     is_chosen = candidates.chosen.any(axis=1) & placed
     single = candidates.has.sum(axis=1) == 1
     # A lone candidate is right when it is nearer to the true normal than to the second solution's.
@@ -228,6 +259,7 @@ def score_rows(
     )
     correct = np.where(single, nearer, chosen == oracle)
     ellipse = _ellipse_metrics(targets, candidates)
+    bare_rows = np.asarray(candidates.detected().any(axis=1) & ~solved)
     lost = "" if reference == "truth" else "no reference: the chessboard was not found"
     truth = targets.truth
     data: dict[str, Any] = {
@@ -239,13 +271,20 @@ def score_rows(
         "group": truth["group"].to_pylist(),
         "kind": truth["kind"].to_pylist(),
         **{name: truth[source].combine_chunks() for name, source in VARIABLES.items()},
+        **{name: truth[name].combine_chunks() for name in SWEEP},
+        "detected": candidates.detected().any(axis=1),
         "solved": solved,
-        "reason": [why or ("" if there else lost) for why, there in zip(reason, placed, strict=True)],
+        "reason": [
+            why or (lost if not there else "found, but without a pose" if bare else "")
+            for why, there, bare in zip(reason, placed, bare_rows, strict=True)
+        ],
         **{name: _nullable(np.where(is_chosen, v[columns, chosen], np.nan)) for name, v in values.items()},
         **{f"oracle_{name}": _nullable(v[columns, oracle]) for name, v in values.items()},
         **{name: _nullable(v) for name, v in ellipse.items()},
         **{name: _nullable(v) for name, v in zip(BOUNDS, _bounds(bounds, n), strict=True)},
-        "branch_correct": pa.array(correct, mask=~is_chosen | (single & np.isnan(targets.other_normal[:, 0]))),
+        "branch_correct": pa.array(
+            correct, mask=~is_chosen | ~solved | (single & np.isnan(targets.other_normal[:, 0]))
+        ),
     }
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
 
@@ -262,10 +301,13 @@ def _nullable(values: Array) -> pa.Array:
     return pa.array(values, mask=~np.isfinite(values), type=pa.float64())
 
 
-def _pose_metrics(targets: Targets, candidates: Candidates, placed: NDArray[np.bool_]) -> dict[str, Array]:
+def _pose_metrics(
+    targets: Targets, candidates: Candidates, placed: NDArray[np.bool_], bounds: Bounds | None
+) -> dict[str, Array]:
     pose = targets.camera_from_marker
     normal = normal_error_deg(candidates.normal, pose[:, None, :3, 2])
     position = position_errors(candidates.centre_m, pose[:, None, :3, 3], targets.diameter_m[:, None])
+    information = np.full((len(targets), 5, 5), np.nan) if bounds is None else bounds.information
     reprojection = np.full(candidates.has.shape, np.nan)
     row, which = np.nonzero(candidates.has & placed[:, None])
     for index, where in groups_of(targets.camera[row]):
@@ -279,6 +321,15 @@ def _pose_metrics(targets: Targets, candidates: Candidates, placed: NDArray[np.b
                 candidates.cameras[used],
                 targets.extent_m[i],
             )
+    centre = np.full(candidates.has.shape, np.nan)
+    row, which = np.nonzero(candidates.detected() & placed[:, None])
+    for index, where in groups_of(targets.camera[row]):
+        for used, part in groups_of(candidates.camera[row[where], which[where]]):
+            i, k = row[where[part]], which[where[part]]
+            image = project(candidates.cameras[used], candidates.centre_m[i, k])
+            if candidates.centre_px is not None:
+                image = np.where(candidates.has[i, k][:, None], image, candidates.centre_px[i, k])
+            centre[i, k] = np.linalg.norm(image - project(targets.cameras[index], pose[i, :3, 3]), axis=-1)
     return {
         "normal_error_deg": normal,
         "position_error_m": position.absolute_m,
@@ -287,14 +338,39 @@ def _pose_metrics(targets: Targets, candidates: Candidates, placed: NDArray[np.b
         "along_ray_m": position.along_ray_m,
         "across_ray_m": position.across_ray_m,
         "reprojection_error_px": reprojection,
+        "centre_image_error_px": centre,
+        "pose_error_bounds": pose_error_bounds(
+            pose[:, None], candidates.normal, candidates.centre_m, information[:, None]
+        ),
     }
+
+
+def _symmetric_metrics(targets: Targets, candidates: Candidates, wanted: NDArray[np.bool_]) -> dict[str, Array]:
+    """BOP's two, of the candidates that are wanted: the best turn of each is sought, which takes its time."""
+    space, image = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
+    circle = targets.placed & np.isfinite(targets.diameter_m)
+    row, which = np.nonzero(wanted & candidates.has & circle[:, None])
+    for index, where in groups_of(targets.camera[row]):
+        i, k = row[where], which[where]
+        estimate = candidates.normal[i, k], candidates.centre_m[i, k], targets.diameter_m[i] / 2
+        space[i, k] = mssd_m(targets.camera_from_marker[i], *estimate)
+        image[i, k] = mspd_px(targets.camera_from_marker[i], targets.cameras[index], *estimate)
+    return {"mssd_m": space, "mspd_px": image}
 
 
 def _ellipse_metrics(targets: Targets, candidates: Candidates) -> dict[str, Array]:
     """Both candidates have the same ellipse: that of the first that exists counts."""
-    n, first = len(targets), np.argmax(candidates.has, axis=1)
+    n, first = len(targets), np.argmax(candidates.detected(), axis=1)
     offset, contour = np.full((n, 2), np.nan), np.full(n, np.nan)
-    rows = np.flatnonzero(candidates.has.any(axis=1) & np.isfinite(candidates.ellipse[np.arange(n), first]).all(axis=1))
+    every, detected = np.arange(n), candidates.detected().any(axis=1)
+    outlined = detected & np.isfinite(candidates.ellipse[every, first]).all(axis=1)
+    if candidates.centre_px is not None:
+        # A centre alone is held against that of the ellipse, too: many take the one for the other.
+        point = candidates.centre_px[every, first]
+        for index, i in groups_of(np.where(detected & ~outlined, targets.camera, -1)):
+            if index >= 0:
+                offset[i] = point[i] - distort_px(targets.cameras[index], targets.ellipse[i, :2])
+    rows = np.flatnonzero(outlined)
     for index, where in groups_of(targets.camera[rows]):
         for used, part in groups_of(candidates.camera[rows[where], first[rows[where]]]):
             i = rows[where[part]]

@@ -12,9 +12,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.validate.comparisons import POWER_NOTE, comparisons, power_of
 from roundel.validate.matching import GATE_FRACTION, GATE_PX
-from roundel.validate.metrics import ELLIPSE_METRICS, METRIC_VERSION, METRICS, POSE_METRICS
+from roundel.validate.metrics import METRIC_VERSION, METRICS
+from roundel.validate.run_statistics import column, run_statistics, statistics_of
 from roundel.validate.scores import Scores
+from roundel.validate.sweeps import sweep_keys
 
 Array = NDArray[np.float64]
 
@@ -22,6 +25,9 @@ SCHEMA = 1
 
 # A study has a grid where few values recur often; more than this and it is a draw.
 _MAX_LEVELS = 60
+
+# The method under which the chessboard's own pose is scored (`validate.reference`).
+CHESSBOARD = "chessboard_pnp"
 
 # What the cells of the grid keep: the paper's three errors.
 CELL_METRICS = ("normal_error_deg", "position_error_D", "position_error_pct", "reprojection_error_px")
@@ -41,31 +47,6 @@ def is_right(intrinsics: str) -> bool:
     return kind in ("true", "calibrated") or (kind == "scaled" and intrinsics_rank(intrinsics)[1] == 1.0)
 
 
-def statistics(values: Array) -> dict[str, float | int | None]:
-    """Count, mean, median, 95th percentile and RMS of the finite values; the percentile is of magnitudes.
-
-    Examples
-    --------
-    >>> statistics(np.array([1.0, float("nan"), 3.0]))["mean"]
-    2.0
-    """
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return {"n": 0, "mean": None, "median": None, "p95": None, "rms": None}
-    return {
-        "n": len(known),
-        "mean": float(known.mean()),
-        "median": float(np.median(known)),
-        "p95": float(np.percentile(np.abs(known), 95)),
-        "rms": float(np.sqrt((known**2).mean())),
-    }
-
-
-def column(table: pa.Table, name: str) -> Array:
-    """A numeric column with NaN for null."""
-    return np.asarray(table[name].to_numpy(), dtype=np.float64)
-
-
 def _texts(table: pa.Table, name: str) -> NDArray[Any]:
     return np.array(table[name].to_pylist(), dtype=object)
 
@@ -83,20 +64,14 @@ def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
     return np.asarray(np.all([_texts(table, n) == v for n, v in zip(names, key, strict=True)], axis=0))
 
 
-def _run_summary(table: pa.Table, rows: NDArray[np.bool_]) -> dict[str, Any]:
-    part = table.filter(pa.array(rows))
-    solved = int(np.sum(part["solved"].to_numpy(zero_copy_only=False)))
-    branch = [b for b in part["branch_correct"].to_pylist() if b is not None]
-    return {
-        "n": part.num_rows,
-        "solved": solved,
-        "solved_rate": solved / part.num_rows if part.num_rows else None,
-        "branch_chosen": len(branch),
-        "branch_correct": sum(branch),
-        "oracle": {name: statistics(column(part, f"oracle_{name}")) for name in POSE_METRICS},
-        "chosen": {name: statistics(column(part, name)) for name in POSE_METRICS},
-        "ellipse": {name: statistics(column(part, name)) for name in ELLIPSE_METRICS},
-    }
+def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
+    """The run that a report leads with: the study's first method, against the truth, with the true focal length."""
+    mine = [key for key in keys if key[2] == "truth" and key[0] != CHESSBOARD]
+
+    def place(key: tuple[str, str, str]) -> tuple[int, str, bool]:
+        return methods.index(key[0]) if key[0] in methods else len(methods), key[0], not is_right(key[1])
+
+    return min(mine, key=place, default=None)
 
 
 def levels(values: Array) -> Array | None:
@@ -123,7 +98,7 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
         return []
     distance, tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6)
     solved = np.array(table["solved"].to_pylist(), dtype=bool)
-    cells = []
+    frame, cells = table["frame_id"].to_numpy(), []
     for t in grid[1].tolist():
         for d in grid[0].tolist():
             here = rows & (distance == d) & (tilt == t)
@@ -138,7 +113,9 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
                         "tilt_deg": t,
                         "n": int(here.sum()),
                         "solved": int((here & solved).sum()),
-                        "oracle": {n: statistics(column(table, f"oracle_{n}")[here]) for n in CELL_METRICS},
+                        "oracle": statistics_of(
+                            {n: column(table, f"oracle_{n}")[here] for n in CELL_METRICS}, frame[here]
+                        ),
                     }
                 )
     return cells
@@ -165,20 +142,25 @@ def summarise(
     """
     table = scores.table
     group = _texts(table, "group")
+    width = image_widths(dataset, table)
+    tables: dict[tuple[str, str, str], pa.Table] = {}
     runs, by_group, cells, failures = [], [], [], []
     for key in run_keys(table):
         rows = select(table, key)
         label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
-        runs.append({**label, **_run_summary(table, rows), **_false(scores, key)})
+        tables[key] = table.filter(pa.array(rows))
+        runs.append({**label, **run_statistics(tables[key], width[rows]), **_false(scores, key)})
         names = list(dict.fromkeys(group[rows].tolist()))
         for name in names:
             if len(names) > 1:
-                by_group.append({**label, "group": name, **_run_summary(table, rows & (group == name))})
+                here = rows & (group == name)
+                by_group.append({**label, "group": name, **run_statistics(table.filter(pa.array(here)), width[here])})
             cells.extend(_cells(table, key, name, rows & (group == name)))
         missed = table.filter(pa.array(rows & (_texts(table, "reason") != "")))
         for reason, count in sorted(Counter(map(_kind_of_reason, missed["reason"].to_pylist())).items()):
             failures.append({**label, "reason": reason, "count": count})
     manifest = dataset.manifest
+    main = main_key(list(tables), (dataset.study.get("solve") or {}).get("methods") or [])
     return {
         "schema": SCHEMA,
         "metric_version": METRIC_VERSION,
@@ -189,17 +171,40 @@ def summarise(
             "frames": len(dataset),
             "circles": int(sum(r is not None for r in dataset.truth["radius_m"].to_pylist())),
             "groups": dict(Counter(dataset.images.groups)),
-            "fidelity": manifest.get("fidelity"),
+            "sweeps": sweep_keys(dataset),
+            "fidelity": _fidelity(manifest.get("fidelity")),
         },
         "settings": {"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
         "runs": runs,
         "groups": by_group,
         "cells": cells,
         "failures": failures,
+        "comparisons": comparisons(tables, main) if main else [],
+        "power": power_of(tables),
+        "power_note": POWER_NOTE,
         "calibration": calibration,
         "metrics": [vars(metric) for metric in METRICS],
         "versions": {"validate": versions(), "render": manifest.get("versions")},
     }
+
+
+def image_widths(dataset: Dataset, table: pa.Table) -> Array:
+    """Width of each row's image, px."""
+    width = {int(r["frame_id"]): float(r["width_px"]) for r in dataset.images.records}
+    return np.array([width[f] for f in table["frame_id"].to_pylist()], dtype=np.float64)
+
+
+_FIDELITY = {"shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", "z_rms", "z_passed", "z_consistent"}
+
+
+def _fidelity(measured: dict[str, Any] | None) -> dict[str, Any] | None:
+    """What a manifest says of its images; of an older version, which measured otherwise, only that."""
+    if not (measured or {}).get("circles"):
+        return measured
+    assert measured is not None
+    if all(set(part) >= _FIDELITY for part in (measured, *measured.get("by_effect", {}).values())):
+        return measured
+    return {"circles": 0, "reason": "measured otherwise by an older version; render it again"}
 
 
 def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
@@ -269,4 +274,19 @@ def terminal_table(summary: dict[str, Any]) -> str:
     note = (
         f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent:g} D"
     )
-    return "\n".join([*map(aligned, lines), note])
+    return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
+
+
+def _without_poses(summary: dict[str, Any]) -> list[str]:
+    """A line for each run that found circles and no pose: how far off its centres are."""
+    out = []
+    for run in summary["runs"]:
+        bare = run.get("detected", 0) - run["solved"]
+        if bare > 0:
+            image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
+            out.append(
+                f"{run['method']}, {run['intrinsics']}: {bare} of {run['n']} found without a pose; centres off by "
+                f"{number(image['median'])} / {number(image['p95'])} px from the image of the circle's, "
+                f"{number(ellipse['median'])} / {number(ellipse['p95'])} px from the ellipse's"
+            )
+    return out

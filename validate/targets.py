@@ -13,6 +13,7 @@ from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera import Camera, project
 from roundel.scenes.conic import circle_points_m, conic_of_circle, ellipse_of_conic, other_candidate
 from roundel.scenes.errors import DataError
+from roundel.validate.sweeps import with_sweep
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ class Targets:
     other_normal : (N, 3) array
         Normal of the second pose with the same image.
     truth : pyarrow.Table
-        The rows of truth.parquet, in this order.
+        The rows of truth.parquet, in this order, and where they stand in a sweep (`sweep_level`, `sweep_frame`).
     """
 
     frame_id: NDArray[np.int64]
@@ -122,7 +123,7 @@ def frame_cameras(dataset: Dataset) -> tuple[dict[int, int], list[Camera]]:
 def rows_of_kind(dataset: Dataset, kinds: tuple[str, ...]) -> pa.Table:
     """Rows of the truth with one of these kinds, sorted by frame and marker."""
     wanted = pc.is_in(dataset.truth["kind"], value_set=pa.array(kinds))
-    return _in_order(dataset.truth.filter(wanted))
+    return with_sweep(dataset, _in_order(dataset.truth.filter(wanted)))
 
 
 def _in_order(truth: pa.Table) -> pa.Table:
@@ -138,12 +139,9 @@ def true_targets(dataset: Dataset, extent_D: float) -> Targets:
         If the truth lacks a column, or speaks of frames that the dataset does not have.
     """
     circular = np.isfinite(columns_of(dataset.truth, ["radius_m"])[:, 0])
-    truth = _in_order(dataset.truth.filter(pa.array(circular)))
+    truth = with_sweep(dataset, _in_order(dataset.truth.filter(pa.array(circular))))
     index, cameras = frame_cameras(dataset)
     frame_id = truth["frame_id"].to_numpy()
-    unknown = set(frame_id.tolist()) - set(index)
-    if unknown:
-        raise DataError(f"the dataset's truth has frame {min(unknown)}, which its cameras do not have; render it again")
     diameter = 2 * columns_of(truth, ["radius_m"])[:, 0]
     return Targets(
         frame_id,

@@ -19,16 +19,30 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.files import POINTS, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
+from roundel.validate.calibration_figures import calibration_pictures
+from roundel.validate.calibrations import several_calibrations
 from roundel.validate.camera_errors import calibration_summary
 from roundel.validate.estimates_file import find_estimates
 from roundel.validate.figures import pictures
+from roundel.validate.matrix import matrix_pictures
+from roundel.validate.narrative import main_run
 from roundel.validate.overlays import worst
 from roundel.validate.records import read_runs
 from roundel.validate.reference import reference_of
-from roundel.validate.report import render_report
+from roundel.validate.report import Pictures, render_report
+from roundel.validate.report_tables import NAMES, report_tables
+from roundel.validate.robustness import sweep_summary, sweeps_of
+from roundel.validate.robustness_figures import sweep_pictures
 from roundel.validate.scores import Scores, score, sorted_scores
+from roundel.validate.side_by_side import entries_of, method_pairs, pair_tables, side_by_side_pictures
 from roundel.validate.summary import summarise
+from roundel.validate.table_files import write_tables
 from roundel.validate.targets import true_targets
+from roundel.validate.verdict_figures import verdict_pictures
+from roundel.validate.verdicts import verdicts_of
+from roundel.validate.worth import off_axis_deg, worth_of
+from roundel.validate.worth_figure import worth_picture
+from roundel.validate.worth_words import worth_record
 
 SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
 
@@ -93,7 +107,18 @@ def validate_dataset(
         "reference_intrinsics": label if views else None,
         "solve": dataset.study.get("solve"),
     }
-    summary = summarise(dataset, scores, settings, _calibration(dataset, views))
+    # What files of others leave out is in the record, not in the settings: it makes no two reports unlike.
+    filled = {f"{run.method}, {run.intrinsics}": list(run.filled) for run in runs if run.filled}
+    mine = _calibration_views(dataset, views)
+    summary = summarise(dataset, scores, settings, _calibration(dataset, mine))
+    summary["filled_in"] = filled
+    calibrations = several_calibrations(dataset, mine, (dataset.study.get("solve") or {}).get("intrinsics", ()))
+    summary["calibrations"] = calibrations.records if calibrations else []
+    summary["calibration_subsets"] = calibrations.subsets if calibrations else []
+    worth = worth_of(scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None)
+    summary["worth"] = worth_record(worth) if worth else None
+    summary["sweeps"] = sweep_summary(sweeps_of(scores.table, dataset.study))
+    summary["verdicts"] = verdicts_of(scores.table, dataset.study)
     sink = io.BytesIO()
     pq.write_table(scores.table, sink, compression="zstd")
     summary["checksums"] = {
@@ -102,10 +127,22 @@ def validate_dataset(
         **{name: record["sha256"] for name, record in dataset.manifest["files"].items() if "/" not in name},
         "images": _digest_of_images(dataset),
     }
-    html = render_report(summary, pictures(scores.table), worst(dataset, scores))
+    main, entries = main_run(summary), entries_of(scores.table, summary["runs"])
+    drawn = Pictures(
+        lead=[worth_picture(worth)] if worth else [],
+        verdicts=verdict_pictures(scores.table, dataset.study, summary["verdicts"]),
+        errors=pictures(scores.table, main["method"]),
+        sweeps=sweep_pictures(summary["sweeps"]),
+        matrix=matrix_pictures(scores.table, main["method"], main["intrinsics"]),
+        comparison=side_by_side_pictures(entries, "Methods and intrinsics side by side"),
+        calibration=calibration_pictures(calibrations),
+    )
+    compared = pair_tables(method_pairs(entries, main["method"]))
+    html = render_report(summary, drawn, worst(dataset, scores), compared)
     write_file(out / SCORES, sink.getvalue())
     write_file(out / SUMMARY, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     write_file(out / REPORT, html.encode())
+    write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
     return summary
 
 
@@ -123,15 +160,18 @@ def _digest(file: Path) -> str:
         raise DataError(f"{file}: cannot be read: {error.strerror}") from error
 
 
+def _calibration_views(dataset: Dataset, views: list[BoardView]) -> list[BoardView]:
+    """Those of the group that the study calibrates from."""
+    asked = (dataset.study.get("solve") or {}).get("calibrate_from")
+    group = calibration_group(dataset.images, asked) if views else None
+    return [view for view in views if view.group == group]
+
+
 def _calibration(dataset: Dataset, views: list[BoardView]) -> dict[str, Any] | None:
     """The calibration that these views give, beside the truth; None where the study has no views for one."""
-    solve = dataset.study.get("solve") or {}
-    asked = solve.get("calibrate_from")
-    group = calibration_group(dataset.images, asked) if views else None
-    mine = [view for view in views if view.group == group]
-    if not mine:
+    if not views:
         return None
     try:
-        return calibration_summary(dataset, mine, calibrate_views(mine))
+        return calibration_summary(dataset, views, calibrate_views(views))
     except NotComparableError as error:
-        return {"group": group, "views": len(mine), "reason": str(error)}
+        return {"group": views[0].group, "views": len(views), "reason": str(error)}

@@ -1,0 +1,137 @@
+"""Copies of the gate's benchmark: the same radiance with fresh sensor noise, solved and scored as users do it.
+
+A copy is a folder with its estimates and its scores (a baseline file, as the gate reads it). What is there is kept: a
+run that was stopped goes on, and a new definition of a metric costs no solving.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets import files
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.images import Images
+from roundel.datasets.radiance import read_radiance
+from roundel.render.develop import develop
+from roundel.scenes.errors import RoundelError
+from roundel.scenes.frame import Frame, frame_of
+from roundel.scenes.study import load_study
+from roundel.solver import solve
+from roundel.solver.estimates import ESTIMATES
+from roundel.validate.baseline import Baseline, baseline_of_scores, read_baseline, write_baseline
+from roundel.validate.metrics import METRIC_VERSION
+from roundel.validate.records import read_runs
+from roundel.validate.scores import score
+from roundel.validate.targets import Targets, true_targets
+
+SCORES = "scores.parquet"
+EXTENT_D = 3.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """A rendered dataset whose frames can be developed again; its planes are read once and kept."""
+
+    path: Path
+    dataset: Dataset
+    frames: list[Frame]
+    _planes: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
+
+    def radiance(self, i: int) -> NDArray[np.float32]:
+        """Linear radiance of the i-th frame."""
+        if i not in self._planes:
+            self._planes[i] = read_radiance(self.path / files.radiance_name(self.frames[i].frame_id))["Y"]
+        return self._planes[i]
+
+    @cached_property
+    def targets(self) -> Targets:
+        """Every true circle."""
+        return true_targets(self.dataset, EXTENT_D)
+
+
+def open_source(path: Path) -> Source:
+    """A finished dataset with its radiance."""
+    dataset = open_dataset(path)
+    study = load_study(path / files.STUDY)
+    return Source(path, dataset, [frame_of(study, i) for i in dataset.images.frame_ids])
+
+
+@dataclass(frozen=True)
+class Renoised(Images):
+    """Images of a dataset with other noise: what `Images` would read is developed from the radiance instead."""
+
+    source: Source | None = None
+    copy: int = 0
+    read_noise_e: float | None = None  # another one than the study's
+
+    def image(self, i: int) -> NDArray[Any]:
+        assert self.source is not None
+        frame = self.source.frames[i]
+        seed = int(np.random.SeedSequence([frame.noise_seed, self.copy]).generate_state(1)[0])
+        settings = frame.settings
+        if self.read_noise_e is not None:
+            sensor = settings.sensor.model_copy(update={"read_noise_e": self.read_noise_e})
+            settings = settings.model_copy(update={"sensor": sensor})
+        return develop(replace(frame, noise_seed=seed, settings=settings), self.source.radiance(i)).image
+
+
+def solve_copy(source: Source, folder: Path, images: Images) -> None:
+    """Estimates of a dataset's frames with other images, by the solver's public entrance; kept if there are any."""
+    if not (folder / ESTIMATES).is_file():
+        with mock.patch.object(solve, "open_images", return_value=images):
+            solve.solve_dataset(source.path, folder)
+
+
+def score_copy(source: Source, folder: Path, images: str) -> Baseline:
+    """Scores of the estimates in a folder, as a gate compares them; those of another metric version are made again.
+
+    `images` says which pixels they come from: two copies are compared by statistics only if theirs differ.
+    """
+    try:
+        kept = read_baseline(folder / SCORES)
+        if kept.metric_version == METRIC_VERSION and kept.images == images:
+            return kept
+    except RoundelError:
+        pass  # none yet, or of another version
+    scores = score(source.dataset, source.targets, read_runs([folder / ESTIMATES], source.dataset))
+    identity = str(source.dataset.manifest["dataset_id"]), images, "benchmark"
+    made = Baseline(baseline_of_scores(scores.table), *identity, METRIC_VERSION, [])
+    write_baseline(made, folder / SCORES)
+    return read_baseline(folder / SCORES)
+
+
+def copies(
+    source: Source,
+    folder: Path,
+    numbers: Sequence[int],
+    read_noise_e: float | None = None,
+    say: Callable[[str], None] = print,
+) -> list[Baseline]:
+    """Scored copies with these numbers; the same number has the same noise, whatever its strength.
+
+    Parameters
+    ----------
+    source : Source
+    folder : path
+        One folder a copy is made here.
+    numbers : sequence of int
+    read_noise_e : float, optional
+        Of the sensor; the study's without it.
+    """
+    out = []
+    for number in numbers:
+        name = f"copy-{number:04d}" + ("" if read_noise_e is None else f"-read-{read_noise_e:g}")
+        if not (folder / name / SCORES).is_file():
+            say(name)
+        plain = source.dataset.images
+        solve_copy(source, folder / name, Renoised(plain.path, plain.records, {}, source, number, read_noise_e))
+        out.append(score_copy(source, folder / name, name))
+    return out

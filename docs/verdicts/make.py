@@ -1,0 +1,80 @@
+"""The README's verdicts: figures as SVG files, and a Markdown table with a column a study.
+
+    python docs/verdicts/make.py PICTURES RUN...
+
+RUN is a folder of `roundel run`, with `dataset` and `report` in it; the figures go to PICTURES as
+`verdict-STUDY-CLAIM.svg`, the table to standard output.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from roundel.datasets.dataset import open_dataset
+from roundel.validate.drawing import standalone_svg
+from roundel.validate.summary import number
+from roundel.validate.verdict_figures import verdict_pictures
+from roundel.validate.verdicts import verdicts_of
+
+_INTERVAL = ("value", "low", "high")
+
+
+def draw_study(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Write a study's figures; its name, and its verdicts by claim."""
+    study = open_dataset(run / "dataset").study
+    table = pq.read_table(run / "report" / "scores.parquet")
+    verdicts = verdicts_of(table, study)
+    for verdict, picture in zip(verdicts, verdict_pictures(table, study, verdicts), strict=True):
+        file = pictures / f"verdict-{study['name']}-{verdict['key']}.svg"
+        file.write_text(standalone_svg(picture), encoding="utf-8")
+    return study["name"], {v["key"]: v for v in verdicts}
+
+
+def cell(study: str, verdict: dict[str, Any] | None, pictures: Path) -> str:
+    """Outcome, linked to its figure, the number of the paper's own setting, and those that say otherwise."""
+    if verdict is None:
+        return "-"
+    own = verdict["sides"][0]
+    others = [s for s in verdict["sides"][1:] if s["main"] and s["holds"] not in (None, own["holds"])]
+    several = len({side["where"] for side in verdict["sides"]}) > 1
+    numbers = [f"{side['where']} {amount(side)}" if several else amount(side) for side in (own, *others)]
+    figure = pictures / f"verdict-{study}-{verdict['key']}.svg"
+    return f"[{verdict['outcome']}]({figure.as_posix()}): {'; '.join(numbers)}"
+
+
+def amount(side: dict[str, Any]) -> str:
+    """A number with its interval."""
+    if side["value"] is None:
+        return str(side["reason"])
+    value, low, high = (number(v) if abs(v) >= 10 else f"{round(v, 2) + 0.0:.2f}" for v in map(side.get, _INTERVAL))
+    return f"{value} [{low}, {high}]"
+
+
+def markdown(studies: dict[str, dict[str, dict[str, Any]]], pictures: Path) -> str:
+    """A row a claim, a column a study."""
+    claims: dict[str, dict[str, Any]] = {}
+    for verdicts in studies.values():
+        for key, verdict in verdicts.items():
+            claims.setdefault(key, verdict)
+    lines = [f"| the paper's claim | the number | {' | '.join(studies)} |", "|---" * (len(studies) + 2) + "|"]
+    for key, verdict in claims.items():
+        cells = [cell(name, verdicts.get(key), pictures) for name, verdicts in studies.items()]
+        # Labels and distances in it are a study's own.
+        statistic = re.sub(r" \([^)]*\)$| at \S+ D\b", "", verdict["statistic"])
+        lines.append(f"| {verdict['claim']} | {statistic}: {verdict['sides'][0]['region']} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Draw what the command line names."""
+    pictures, runs = Path(sys.argv[1]), [Path(run) for run in sys.argv[2:]]
+    sys.stdout.write(markdown(dict(draw_study(run, pictures) for run in runs), pictures) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""The gate from the command line: exit codes, files, and one line where there is nothing to compare."""
+
+import json
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pyarrow.parquet as pq
+import pytest
+from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
+
+from roundel.cli.main import build_parser, main
+from roundel.scenes.frame import total_frames
+from roundel.scenes.study import load_study
+from roundel.validate.baseline import read_baseline
+from roundel.validate.gate import Frame
+from roundel.validate.gate_report import replay_command
+from roundel.validate.metrics import METRIC_VERSION
+
+RUN = "scaled:1"
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """A dataset of 36 circles, the report of a good solver on it, and that report as a baseline."""
+    folder = tmp_path_factory.mktemp("gate")
+    dataset = make_dataset(folder / "dataset", POINTS)
+    report(folder, "good", estimate_rows(dataset, [RUN], noise_px=0.01))
+    accept = ["baseline", "accept", str(folder / "good"), "--baseline", str(folder / "b.parquet"), "--reason", "first"]
+    assert main(accept) == 0
+    return folder, dataset
+
+
+def report(folder, name, rows):
+    file = write_estimates(folder / f"{name}.parquet", rows)
+    assert main(["validate", str(folder / "dataset"), str(file), "--out", str(folder / name)]) == 0
+    return folder / name
+
+
+def gate(folder, name, *more):
+    return main(["gate", str(folder / name), "--baseline", str(folder / "b.parquet"), *more])
+
+
+def test_the_same_report_is_identical(world, capsys):
+    folder, _ = world
+    assert gate(folder, "good") == 0
+    out = capsys.readouterr().out
+    assert out.startswith("identical")
+    assert out.rstrip().endswith("gate: passed")
+
+
+def test_a_worse_solver_ends_with_1_and_says_so_everywhere(world, capsys, monkeypatch):
+    folder, dataset = world
+    report(folder, "bad", estimate_rows(dataset, [RUN], noise_px=0.3))
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder / "summary.md"))
+    capsys.readouterr()
+    assert gate(folder, "bad", "--junit", str(folder / "gate.xml")) == 1
+    out = capsys.readouterr().out
+    assert "gate: WORSE" in out
+    assert "roundel solve DATASET OUT --frames" in out
+    assert int(ElementTree.parse(folder / "gate.xml").getroot().attrib["failures"]) > 0
+    assert "**worse**" in (folder / "summary.md").read_text()
+
+
+def test_the_replay_command_replays(world):
+    folder, _ = world
+    words = replay_command(Frame("ml, scaled:1", 3, 0, 1.0, "")).replace("DATASET", str(folder / "dataset")).split()
+    assert words.pop(0) == "roundel"
+    assert main([str(folder / "again") if word == "OUT" else word for word in words]) == 0
+    table = pq.read_table(folder / "again" / "estimates.parquet")
+    assert set(table["frame_id"].to_pylist()) == {3}
+
+
+def test_no_samples_end_with_3_and_one_line(world, capsys, monkeypatch):
+    folder, dataset = world
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder / "refused.md"))
+    report(folder, "failed", [failed_row(i, RUN) for i in dataset.images.frame_ids])
+    capsys.readouterr()
+    assert gate(folder, "failed", "--junit", str(folder / "refused.xml")) == 3
+    assert ElementTree.parse(folder / "refused.xml").getroot().attrib["errors"] == "1"
+    assert "nothing compared" in (folder / "refused.md").read_text()
+    accept = ["baseline", "accept", str(folder / "failed"), "--baseline", str(folder / "x.parquet"), "--reason", "x"]
+    assert main(accept) == 3
+    empty = write_estimates(folder / "empty.parquet", [])
+    assert main(["validate", str(folder / "dataset"), str(empty), "--out", str(folder / "empty")]) == 3
+    shutil.copytree(folder / "good", folder / "hollow")
+    scores = folder / "hollow" / "scores.parquet"
+    pq.write_table(pq.read_table(scores).slice(0, 0), scores)
+    assert gate(folder, "hollow") == 3
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert "0 circles were solved by both" in lines[0]
+    assert "0 circles are solved" in lines[1]
+    assert "no rows" in lines[2]
+    assert "no scores" in lines[3]
+
+
+def test_the_history_of_reasons_is_kept(world):
+    folder, _ = world
+    again = ["baseline", "accept", str(folder / "good"), "--baseline", str(folder / "b.parquet")]
+    assert main([*again, "--reason", "  the\nsame  again "]) == 0
+    assert main([*again, "--reason", " "]) == 2
+    assert [entry["reason"] for entry in read_baseline(folder / "b.parquet").accepted] == ["first", "the same again"]
+
+
+def test_a_report_of_another_metric_version_is_refused(world, capsys):
+    folder, _ = world
+    shutil.copytree(folder / "good", folder / "old")
+    summary = folder / "old" / "summary.json"
+    facts = json.loads(summary.read_text())
+    summary.write_text(json.dumps({**facts, "metric_version": 0}))
+    capsys.readouterr()
+    assert gate(folder, "old") == 3
+    assert "metric version 0" in capsys.readouterr().err
+
+
+def test_the_ready_workflows_use_commands_that_exist():
+    commands = []
+    for file in sorted((Path(__file__).parents[1] / "docs" / "ci").iterdir()):
+        for line in file.read_text().splitlines():
+            words = line.partition(" #")[0].split()
+            if "roundel" in words[:-1] and "install" not in words:
+                commands.append(words[words.index("roundel") + 1 :])
+    assert {words[0] for words in commands} == {"render", "verify", "solve", "validate", "gate"}
+    for words in commands:
+        build_parser().parse_args(words)
+
+
+def test_the_shipped_baseline_is_of_the_shipped_benchmark():
+    root = Path(__file__).parents[1]
+    baseline = read_baseline(root / "benchmarks" / "baseline.parquet")
+    study = load_study(root / "configs" / "benchmark.yaml")
+    assert baseline.dataset_id == study.digest()
+    assert baseline.metric_version == METRIC_VERSION
+    assert baseline.rows.num_rows == total_frames(study)
+    assert all(entry["reason"] for entry in baseline.accepted)
+    assert (root / "benchmarks" / "baseline.parquet").stat().st_size < 300_000

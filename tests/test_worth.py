@@ -1,0 +1,223 @@
+"""Is calibration worth having? Answers on tables of scores whose answer is known."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from roundel.validate.intervals import Interval
+from roundel.validate.worth import (
+    BOARD,
+    ERRORS,
+    FACTOR,
+    Worth,
+    gain_of,
+    level_of,
+    off_axis_deg,
+    verdict_of,
+    worth_of,
+)
+from roundel.validate.worth_figure import worth_picture
+from roundel.validate.worth_table import worth_table
+from roundel.validate.worth_words import answer, named, where, worth_record
+
+N = 252
+FRAMES = np.arange(N)
+DISTANCE = np.repeat([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0], 36)
+TILT = np.tile([15.0, 30.0, 45.0], 84)
+# A third on the axis, the rest evenly from 1 to 17 degrees off it, whatever the distance.
+OFFSET = np.where(FRAMES % 3 == 0, 0.05, 1.0 + 16.0 * ((FRAMES * 0.618) % 1.0))
+OFFSETS = {(int(i), 0): float(o) for i, o in zip(FRAMES, OFFSET, strict=True)}
+NOISE = np.random.default_rng(7).lognormal(-3.0, 0.5, N)
+
+
+def scores(runs: dict[str, dict[str, np.ndarray]], method: str = "ml", reference: str = "truth") -> pa.Table:
+    """Rows as scores.parquet has them, with the columns that the question needs."""
+    rows: list[dict[str, Any]] = []
+    for label, errors in runs.items():
+        for i in range(N):
+            rows.append(
+                {
+                    "frame_id": i,
+                    "marker_id": 0,
+                    "method": method,
+                    "intrinsics": label,
+                    "reference": reference,
+                    "distance_D": DISTANCE[i],
+                    "tilt_deg": TILT[i],
+                    **{e.column: float(errors[e.name][i]) for e in ERRORS},
+                }
+            )
+    return pa.Table.from_pylist(rows)
+
+
+def everywhere(factor: Any) -> dict[str, np.ndarray]:
+    """The noise times a factor, for each error."""
+    return {error.name: NOISE * factor for error in ERRORS}
+
+
+def asked(runs: dict[str, dict[str, np.ndarray]], board: pa.Table | None = None) -> Worth:
+    found = worth_of(scores(runs), OFFSETS, board)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def mixed() -> Worth:
+    """Normal: only beyond 5 degrees. Position: always. Reprojection: on the axis up to 30 D, off it never."""
+    default = {
+        "normal": NOISE * np.where(OFFSET > 5, 12.0, 1.0),
+        "position": np.full(N, 13.0),
+        "reprojection": NOISE * np.where((OFFSET < 0.5) & (DISTANCE <= 30), 8.0, 1.0),
+    }
+    position = {"calibrated:5": 0.01, "calibrated:20": 0.005, "true": 0.001}
+    runs = {label: {**everywhere(1.0), "position": np.full(N, value)} for label, value in position.items()}
+    board = scores({"calibrated:chessboard": everywhere(3.0)}, "chessboard_pnp")
+    return asked({"default": default, "scaled:0.85": everywhere(2.0), **runs}, board)
+
+
+def test_the_pair_is_fewest_views_against_default(mixed: Worth) -> None:
+    assert (mixed.calibrated, mixed.uncalibrated) == ("calibrated:5", "default")
+    assert mixed.labels == ["true", "calibrated:20", "calibrated:5", "default", "scaled:0.85"]
+    assert len(mixed.on_axis) == N // 3
+    assert len(mixed.on_axis) + len(mixed.off_axis) == N
+
+
+def test_worth_beyond_an_offset(mixed: Worth) -> None:
+    normal, position, reprojection = answer(mixed)[1:4]
+    short = answer(mixed)[0]
+    found = re.search(r"normal: on the axis nowhere, off the axis from ([\d.]+)\N{DEGREE SIGN} on;", short)
+    assert found is not None, short
+    # The bin that the step lies in is mixed; bins are two degrees wide.
+    assert 3.0 < float(found[1]) < 7.0
+    assert "position: everywhere;" in short
+    assert "reprojection: on the axis up to 30 D, off the axis nowhere." in short
+    assert "a factor 1.0 [1.0, 1.0]" in normal
+    assert "13.0 % against 0.0100 %, a factor 1,300 [1,300, 1,300]" in position
+    assert "(more than 2 up to 30 D" in reprojection
+
+
+def test_not_worth_where_errors_are_alike() -> None:
+    rng = np.random.default_rng(3)
+    other = {error.name: rng.permutation(NOISE) for error in ERRORS}
+    worth = asked({"calibrated:5": everywhere(1.0), "default": other})
+    assert answer(worth)[0].endswith("for the normal: nowhere; position: nowhere; reprojection: nowhere.")
+    verdicts = [gain["worth"] for panel in worth_record(worth)["panels"] for gain in panel["gain"]]
+    assert set(verdicts) <= {"no", "open"}
+    assert verdicts.count("no") > verdicts.count("open")
+
+
+def test_pairs_see_what_unpaired_frames_hide() -> None:
+    # The frames scatter by a factor of 1.65, the ratio within each of them not at all.
+    worth = asked({"calibrated:5": everywhere(1.0), "default": everywhere(2.5)})
+    gain = gain_of(worth, "normal", worth.off_axis)
+    assert gain.value == pytest.approx(2.5)
+    assert gain.low == pytest.approx(2.5)
+    assert gain.high == pytest.approx(2.5)
+    level = level_of(worth, "normal", "default", worth.off_axis)
+    assert level.high / level.low > 1.1
+
+
+def test_what_one_of_two_did_not_solve_is_no_pair() -> None:
+    holes = everywhere(3.0)
+    holes["normal"] = np.where(FRAMES % 2 == 0, np.nan, holes["normal"])
+    worth = asked({"calibrated:5": everywhere(1.0), "default": holes})
+    assert gain_of(worth, "normal", np.arange(N)).n == N // 2
+    assert gain_of(worth, "position", np.arange(N)).n == N
+    nothing = gain_of(worth, "normal", np.flatnonzero(FRAMES % 2 == 0))
+    assert (nothing.value, verdict_of(nothing)) == (None, "open")
+    assert gain_of(worth, "normal", np.arange(6)).low is None  # three pairs say nothing
+
+
+def test_no_noise_is_no_infinity() -> None:
+    worth = asked({"calibrated:5": everywhere(0.0), "default": everywhere(1.0)})
+    json.dumps(worth_record(worth), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [("true", "default"), ("calibrated:5", "true"), ("scaled:1", "scaled:0.7"), ("calibrated:5", "calibrated:40")],
+    ids="-".join,
+)
+def test_no_question_without_both(labels: tuple[str, ...]) -> None:
+    assert worth_of(scores({label: everywhere(1.0) for label in labels}), OFFSETS) is None
+    assert (
+        worth_of(scores({"calibrated:5": everywhere(1), "default": everywhere(1)}, reference="chessboard"), {}) is None
+    )
+
+
+def test_exif_serves_where_nothing_else_is_wrong() -> None:
+    assert asked({"calibrated:phone": everywhere(1.0), "exif": everywhere(2.0)}).uncalibrated == "exif"
+
+
+def test_studies_that_stay_on_the_axis_or_off_it() -> None:
+    table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
+    for offset, words in ((0.1, "on the axis"), (9.0, "off the axis")):
+        worth = worth_of(table, dict.fromkeys(OFFSETS, offset))
+        assert worth is not None
+        assert "for the normal: everywhere" in answer(worth)[0]
+        assert words in answer(worth)[1]
+        assert worth_picture(worth).svg.startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "words"),
+    [
+        ("yyyy", "everywhere"),
+        ("nnon", "nowhere"),
+        ("noyy", "from 30 D on"),
+        ("yyon", "up to 20 D"),
+        ("nyyn", "from 20 to 30 D"),
+        ("ynyn", "at 10, 30 D"),
+    ],
+)
+def test_where(verdicts: str, words: str) -> None:
+    full = [{"y": "yes", "n": "no", "o": "open"}[v] for v in verdicts]
+    assert where(full, [10, 20, 30, 40], [10, 20, 30, 40], " D") == words
+
+
+def test_a_verdict_needs_its_whole_interval() -> None:
+    def gain(low: float, high: float) -> Interval:
+        return Interval(FACTOR, low, high, 50, "")
+
+    assert [verdict_of(gain(*i)) for i in ((2.1, 3), (1.0, 1.9), (1.9, 2.1))] == ["yes", "no", "open"]
+
+
+def test_the_record_and_the_table(mixed: Worth) -> None:
+    record = json.loads(json.dumps(worth_record(mixed), allow_nan=False))
+    assert record["answer"] == answer(mixed)
+    entry = next(
+        e for e in record["overall"] if (e["error"], e["part"], e["intrinsics"]) == ("position", "off_axis", "default")
+    )
+    assert entry["value"] == pytest.approx(13.0)
+    assert entry["gain"]["value"] == pytest.approx(1300.0)
+    assert entry["n"] == 2 * N // 3
+    table = worth_table(record)
+    assert {len(row) for row in table.rows} == {len(table.columns)}
+    assert [row[:2] for row in table.rows][:2] == [("on the axis", "true"), ("on the axis", "calibrated:20")]
+    assert sum(row[1] == BOARD for row in table.rows) == 2
+    assert worth_table(None).rows == ()
+
+
+def test_the_picture(mixed: Worth) -> None:
+    picture = worth_picture(mixed)
+    assert picture.svg == worth_picture(mixed).svg
+    for label in (*mixed.labels, BOARD):
+        assert f">{named(label)}<" in picture.svg
+    # Three errors by distance on and off the axis, tilt off it, and offset.
+    assert len(re.findall(r'id="worth-axes_\d+"', picture.svg)) == 12
+
+
+def test_the_offset_is_the_angle_of_the_line_of_sight() -> None:
+    truth = pa.table({
+        "frame_id": [4, 5], "marker_id": [0, 0],
+        "centre_x_m": [0.0, 0.3], "centre_y_m": [0.0, 0.4], "centre_z_m": [2.0, 0.5],
+    })  # fmt: skip
+    found = off_axis_deg(truth)
+    assert found[4, 0] == 0.0
+    assert found[5, 0] == pytest.approx(45.0)

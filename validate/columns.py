@@ -1,0 +1,126 @@
+"""The columns of a file of estimates: what a foreign program must give, and what stands where it gives nothing."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from roundel.scenes.errors import UsageError
+from roundel.solver.estimates import SCHEMA
+
+KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
+NORMAL = ("normal_x", "normal_y", "normal_z")
+CENTRE = ("centre_x_m", "centre_y_m", "centre_z_m")
+ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
+CENTRE_IMAGE = ("centre_image_x_px", "centre_image_y_px")
+INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
+
+
+@dataclass(frozen=True)
+class Given:
+    """Columns that come together: their type, unit, meaning, and what stands where they are left out."""
+
+    names: tuple[str, ...]
+    type: str
+    unit: str
+    meaning: str
+    otherwise: str
+
+
+COLUMNS: tuple[Given, ...] = (
+    Given(("frame_id",), "integer", "", "the frame, as in cameras.json", "required"),
+    Given(
+        (*NORMAL, *CENTRE),
+        "number",
+        "1; m",
+        "pose in OpenCV's camera frame: unit normal out of the printed face, toward the camera; the circle's centre",
+        "one of pose, ellipse and centre is required; without a pose there are no errors of pose",
+    ),
+    Given(
+        ELLIPSE,
+        "number",
+        "px; deg",
+        "image of the circle in undistorted pixel coordinates of the camera that was used: centre, semi-axes a >= b, "
+        "angle from +x toward +y",
+        "computed from the pose, with the diameter of the nearest printed circle",
+    ),
+    Given(
+        CENTRE_IMAGE,
+        "number",
+        "px",
+        "image of the circle's centre in the delivered image; (0, 0) is the centre of the top-left pixel",
+        "the centre of the pose, projected",
+    ),
+    Given(
+        ("fx_px", "fy_px", "cx_px", "cy_px"),
+        "number",
+        "px",
+        "the intrinsics that were used",
+        "the frame's true camera, where intrinsics is `true`",
+    ),
+    Given(("skew_px",), "number", "px", "likewise", "0"),
+    Given(("distortion",), "list of numbers; in CSV between spaces", "", "likewise, OpenCV's order", "none"),
+    Given(("distortion_model",), "text", "", "`opencv` or `fisheye`", "opencv"),
+    Given(("method",), "text", "", "name of the method", "the file's name without its ending"),
+    Given(("intrinsics",), "text", "", "name of the intrinsics, as `true`, `default`", "`true`"),
+    Given(("detection_id",), "integer, 0 or more", "", "tells detections of one frame apart", "0: one a frame"),
+    Given(("candidate",), "0 or 1", "", "tells the two poses of a detection apart", "0"),
+    Given(
+        ("chosen",), "true or false", "", "whether the method means this pose", "true where a detection has one pose"
+    ),
+    Given(("status",), "`ok` or `failed`", "", "", "`failed` where pose, ellipse and centre are empty, else `ok`"),
+    Given(("reason",), "text", "", "why it failed", "empty"),
+)
+REQUIRED = ("frame_id",)
+
+
+def check_columns(file: Path, names: Sequence[str]) -> None:
+    """Refuse a file whose columns cannot be estimates.
+
+    Raises
+    ------
+    UsageError
+        If a column stands twice, is misspelt, or one that is needed is missing.
+    """
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError(f"{file}: column {twice[0]!r} stands twice; keep one of them")
+    absent = [name for name in SCHEMA.names if name not in names]
+    for name in names:
+        close = [] if name in SCHEMA.names else difflib.get_close_matches(name.lower(), absent, n=1, cutoff=0.85)
+        if close:
+            raise UsageError(f"{file}: unknown column {name!r}; did you mean {close[0]}?")
+    groups = {"pose": (*NORMAL, *CENTRE), "ellipse": ELLIPSE, "centre": CENTRE_IMAGE}
+    needed = list(REQUIRED)
+    for group in (*groups.values(), COLUMNS[4].names):
+        if any(name in names for name in group):
+            needed += group
+    missing = [name for name in needed if name not in names]
+    if missing:
+        raise UsageError(
+            f"{file}: has no column {', '.join(missing)}; `roundel validate --schema` tells what is needed"
+        )
+    if not any(group[0] in names for group in groups.values()):
+        offers = ", nor ".join(f"{what} ({group[0]} .. {group[-1]})" for what, group in groups.items())
+        raise UsageError(f"{file}: has no columns of a {offers}; `roundel validate --schema` tells what is needed")
+
+
+def columns_markdown() -> str:
+    """The columns as a Markdown table: what `roundel validate --schema` prints, and docs/your-own-method.md shows."""
+    lines = ["| column | type | unit | meaning | where it is left out |", "|---|---|---|---|---|"]
+    for given in COLUMNS:
+        names = ", ".join(f"`{name}`" for name in given.names)
+        lines.append(f"| {names} | {given.type} | {given.unit} | {given.meaning} | {given.otherwise} |")
+    return "\n".join(lines)
+
+
+def columns_json() -> list[dict[str, Any]]:
+    """The columns, one record a column."""
+    return [
+        {"column": name, "type": g.type, "unit": g.unit, "meaning": g.meaning, "otherwise": g.otherwise}
+        for g in COLUMNS
+        for name in g.names
+    ]
