@@ -43,6 +43,7 @@ class Picture:
     name: str
     caption: str
     svg: str
+    folded: bool = False  # behind a click: true of what few readers want
 
 
 def colour(i: int) -> str:
@@ -53,6 +54,11 @@ def colour(i: int) -> str:
 def marker(i: int) -> str:
     """Marker of the i-th curve."""
     return MARKERS[i % len(MARKERS)]
+
+
+def line(i: int) -> str:
+    """Line style of the i-th curve: colours and markers come again, dashed."""
+    return ("-", "--", ":", "-.")[i // len(CURVES) % 4]
 
 
 def legend_text(name: str, limit: int = 40) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.drawing import Picture, colour, draw_svg, legend_text, marker, name_of
+from roundel.validate.drawing import Picture, colour, draw_svg, legend_text, line, marker, name_of
 from roundel.validate.run_statistics import column
 from roundel.validate.summary import grid_of, intrinsics_rank, is_right
 from roundel.validate.tables import clean
@@ -61,7 +61,7 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
         if method == "chessboard_pnp" or not np.isfinite(column(table, ROWS[0].column)[rows]).any():
             continue
         part = table.filter(pa.array(rows))
-        name = name_of(method, reference, group)
+        name, folded = name_of(method, reference, group), reference != "truth"
         about = f"Method {clean(method, 40)} against the {reference}"
         about += f", group {clean(group, 40)}" if several else ""
         grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
@@ -72,13 +72,13 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
             )
             if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(set(part["intrinsics"].to_pylist())):
                 caption += " Bands: 95 % interval of the mean."
-            found.append(Picture(name, caption, _drawn(name, about, part, grid)))
+            found.append(Picture(name, caption, _drawn(name, about, part, grid), folded))
         else:
             caption = (
                 f"{about}: each frame's error of the better candidate over distance, and medians of frames of like "
                 "distance."
             )
-            found.append(Picture(name, caption, _drawn(name, about, part, None)))
+            found.append(Picture(name, caption, _drawn(name, about, part, None), folded))
         if len(found) == _MAX_PICTURES:
             break
     return found
@@ -141,7 +141,9 @@ def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances:
         half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
         low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
         axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=colour(i), alpha=0.13, lw=0)
-        axes.plot(distances, mean, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=legend_text(label))
+        axes.plot(
+            distances, mean, color=colour(i), ls=line(i), marker=marker(i), ms=3.5, lw=1.4, label=legend_text(label)
+        )
 
 
 def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
@@ -156,6 +158,6 @@ def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
         size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
         axes.plot(x[some], y[some], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
         bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
-        line = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
+        middles = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
         # Even without a line the legend needs its entry.
-        axes.plot(*line, color=colour(i), marker=marker(i), ms=4, lw=1.4, label=legend_text(label))
+        axes.plot(*middles, color=colour(i), ls=line(i), marker=marker(i), ms=4, lw=1.4, label=legend_text(label))

@@ -89,7 +89,7 @@ METRICS: tuple[Metric, ...] = (
         "true marker",
         "sqrt(e^T F e / 5): e holds the rotation about the marker's X and Y axes from the true normal to the estimated "
         "one and the error of the centre, F is the frame's Fisher information; about 1 for an efficient method.",
-        "Mahalanobis 1936; F of the errata, section 6",
+        "Mahalanobis 1936; F as in scenes/information.py",
     ),
     Metric(
         "mssd_m",

@@ -50,7 +50,10 @@ def figures(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
     """Figures for a template: their SVG is ours, and goes in as it is."""
     from markupsafe import Markup
 
-    return [{"name": p.name, "caption": clean(p.caption, TEXT_LIMIT), "svg": Markup(p.svg)} for p in pictures]
+    return [
+        {"name": p.name, "caption": clean(p.caption, TEXT_LIMIT), "svg": Markup(p.svg), "folded": p.folded}
+        for p in pictures
+    ]
 
 
 def shown_table(table: Table) -> dict[str, Any]:

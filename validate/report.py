@@ -100,13 +100,14 @@ def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[d
     rows = [
         {
             **{k: v.get(k) for k in keys},
+            "settings": v.get("settings") or [],
             "colour": _COLOURS.get(v.get("outcome", ""), ""),
             "figure": left.pop(v.get("picture"), None),
         }
         for v in verdicts
     ]
     # Figures that no verdict names come last, with nothing said: the list of claims counts only what is claimed.
-    return [*rows, *({**dict.fromkeys(keys), "colour": "", "figure": shown} for shown in left.values())]
+    return [*rows, *({**dict.fromkeys(keys), "settings": [], "colour": "", "figure": shown} for shown in left.values())]
 
 
 def _groups(groups: dict[str, int], most: int = 8) -> str:

@@ -37,7 +37,9 @@ def intrinsics_rank(label: str) -> tuple[int, float, str]:
     """Order in which intrinsics are shown: the best known first."""
     kinds = ("true", "calibrated", "exif", "default", "scaled")
     kind, _, value = label.partition(":")
-    number = float(value) if kind == "scaled" and value.replace(".", "", 1).isdigit() else 0.0
+    number = float(value) if value.replace(".", "", 1).isdigit() else 0.0
+    # Of calibrations the one from most views first.
+    number = -number if kind == "calibrated" else number
     return (kinds.index(kind) if kind in kinds else len(kinds), number, label)
 
 

@@ -72,6 +72,8 @@ class Verdict:
         `HOLDS`, `CONDITION`, `FALSE` or `OPEN`.
     sentence : str
         The outcome's reason, with the numbers.
+    settings : list of {where, text}
+        The same by setting; where there is one alone, it has no name.
     condition : str
         Under which it is true.
     statistic, value, low, high, p, n
@@ -87,6 +89,7 @@ class Verdict:
     source: str
     outcome: str
     sentence: str
+    settings: list[dict[str, str]]
     condition: str
     statistic: str
     value: float | None
@@ -147,13 +150,14 @@ def _side(f: Finding, p: float | None) -> Side:
 
 
 def _verdict(claim: Claim, sides: list[Side]) -> Verdict:
-    first = sides[0]
+    first, settings = sides[0], _by_setting(claim, sides)
     return Verdict(
         claim.key,
         claim.claim,
         claim.source,
         _outcome(sides, claim.conditional),
-        _sentence(claim, sides),
+        " ".join(f"{one['where']}: {one['text']}" if one["where"] else one["text"] for one in settings),
+        settings,
         claim.condition,
         first.statistic,
         first.value,
@@ -183,15 +187,15 @@ def _outcome(sides: Sequence[Side], conditional: bool) -> str:
 _WORDS = {True: "holds", False: "does not hold", None: "not decided"}
 
 
-def _sentence(claim: Claim, sides: Sequence[Side]) -> str:
+def _by_setting(claim: Claim, sides: Sequence[Side]) -> list[dict[str, str]]:
     """Every statistic as a sentence, under its setting's name where there are several."""
     settings = list(dict.fromkeys(s.where for s in sides))
     parts = []
     for where in settings:
         text = " ".join(_clause(f, s) for f, s in zip(claim.findings, sides, strict=True) if s.where == where)
         text += "".join(f" {remark}" for name, remark in claim.remarks if name == where)
-        parts.append(f"{where}: {text}" if len(settings) > 1 else text)
-    return " ".join(parts)
+        parts.append({"where": where if len(settings) > 1 else "", "text": text})
+    return parts
 
 
 def _clause(finding: Finding, side: Side) -> str:

@@ -52,6 +52,7 @@ def answer(worth: Worth) -> list[str]:
         *(_of_error(worth, error) for error in ERRORS),
         *_more_views(worth),
         *_other_intrinsics(worth),
+        *_focal_alone(worth),
         *_chessboard(worth),
     ]
 
@@ -165,6 +166,23 @@ def _other_intrinsics(worth: Worth) -> list[str]:
     return [
         f"Without a calibration, {words}: {'; '.join(f'{named(x)} {_levels(worth, x, rows)}' for x in every)}."
         for _, words, rows in _parts(worth)
+    ]
+
+
+def _focal_alone(worth: Worth) -> list[str]:
+    """Where a wrong focal length alone does no harm to the normal, and default intrinsics do: they lack more."""
+    scaled = [label for label in worth.labels if label.startswith("scaled:")]
+    found = next(((words, rows) for part, words, rows in _parts(worth) if part == "on_axis"), None)
+    if found is None or not scaled:
+        return []
+    words, rows = found
+    harmless = all(verdict_of(gain_of(worth, "normal", rows, label)) == "no" for label in scaled)
+    if not harmless or verdict_of(gain_of(worth, "normal", rows)) != "yes":
+        return []
+    return [
+        f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
+        f"{named(worth.uncalibrated)} intrinsics cost there is the place of the principal point and the distortion, "
+        "which the paper's synthetic camera does not have."
     ]
 
 
