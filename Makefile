@@ -2,6 +2,8 @@
 
 PYTHON ?= python3
 PYTEST_FLAGS ?=
+# Two processes, each with whole files: their fixtures are costly and are made once.
+PYTEST_JOBS ?= 2
 BENCH_FLAGS ?=
 BENCH_PYTHON ?= python3.11
 FUZZ_SECONDS ?= 300
@@ -32,7 +34,7 @@ demo: env ## render, solve and validate configs/demo.yaml into out/demo
 	$(BIN)/roundel run configs/demo.yaml out/demo
 
 test: env ## the tests, without those marked slow
-	$(BIN)/python -m pytest -m 'not slow' $(PYTEST_FLAGS)
+	$(BIN)/python -m pytest -m 'not slow' -n $(PYTEST_JOBS) --dist loadfile $(PYTEST_FLAGS)
 
 test-slow: env ## only the tests marked slow
 	$(BIN)/python -m pytest -m slow $(PYTEST_FLAGS)
