@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,6 +26,10 @@ Array = NDArray[np.float64]
 _QUADRATURE = 256
 # Beyond this condition number (parameters scaled to one) the information is singular within its own rounding.
 _SINGULAR = 1e13
+# Of a band of pixels: angles (of a blunt ellipse, of others), and Gauss-Legendre nodes across it before, within and
+# beyond six sigma of the edge. Within 0.3 % of many more for sharp edges, where the response has corners; 3 % where the
+# blur is half of the minor semi-axis.
+_ANGLES, _NODES = (32, 96), (4, 48, 4)
 _SHARPEST_PX = 0.05  # a blur below it is as sharp as none, but keeps the response differentiable
 
 
@@ -183,16 +188,18 @@ def shape_information_of_pixels(
         raise ValueError("noise_dn, reach_px and the semi-axes must be positive, blur_px not negative")
     variance = max(blur_px, _SHARPEST_PX) ** 2
     spread = math.sqrt(variance + PIXEL_VARIANCE)
-    t = (np.arange(_QUADRATURE) + 0.5) * (2 * np.pi / _QUADRATURE)
+    # Where no normals cross within the edge's reach the integrand is smooth all round.
+    angles = _ANGLES[b * b / a < 6.0 * spread]
+    t = (np.arange(angles) + 0.5) * (2 * np.pi / angles)
     curvature, curvature_ss = ellipse_curvature(a, b, np.cos(t), np.sin(t))
     speed = np.hypot(a * np.sin(t), b * np.cos(t))
     # Normals cross beyond the centre of curvature: pixels inside of it are counted from another part of the contour.
     far = reach_px + 5.0 * spread
-    count = math.ceil(2 * far / (0.1 * spread))
     near = np.maximum(-far, -1.0 / curvature)
-    step = (far - near) / count
-    distance = near[:, None] + (np.arange(count) + 0.5) * step[:, None]
-    area = (speed * (2 * np.pi / _QUADRATURE) * step)[:, None] * (1.0 + curvature[:, None] * distance)
+    ends = [near, np.maximum(near, -6.0 * spread), np.full_like(near, 6.0 * spread), np.full_like(near, far)]
+    distance, step = (np.concatenate(parts, axis=1) for parts in zip(*map(_nodes, ends, ends[1:], _NODES), strict=True))
+    count = distance.shape[1]
+    area = (speed * (2 * np.pi / angles))[:, None] * step * (1.0 + curvature[:, None] * distance)
     local_normal = np.stack([b * np.cos(t), a * np.sin(t)], axis=-1) / speed[:, None]
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     turn = np.array([[c, s], [-s, c]])
@@ -212,6 +219,19 @@ def shape_information_of_pixels(
     weight = area.ravel() / (noise[0] ** 2 * (1.0 - response) + noise[1] ** 2 * response)
     full = design.T @ (design * weight[:, None])
     return np.asarray(full[:5, :5] - full[:5, 5:] @ np.linalg.solve(full[5:, 5:], full[5:, :5]), dtype=np.float64)
+
+
+@lru_cache
+def _legendre(count: int) -> tuple[Array, Array]:
+    x, w = np.polynomial.legendre.leggauss(count)
+    return x, w
+
+
+def _nodes(low: Array, high: Array, count: int) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes and weights (n, count) of each of n intervals."""
+    x, w = _legendre(count)
+    half = (high - low)[:, None] / 2
+    return low[:, None] + half * (1.0 + x), half * w
 
 
 def pose_information_of_shape(
