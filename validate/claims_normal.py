@@ -25,20 +25,26 @@ def noisy(setting: Setting) -> bool:
     return bool(np.isfinite(errors).any() and np.nanmean(errors) > NO_NOISE)
 
 
-def normal_grows(settings: Sequence[Setting]) -> Claim | None:
-    """Claim: the normal's error grows with the distance."""
-    findings = []
+def growths(settings: Sequence[Setting], error: str, statistic: str, subject: str) -> list[Finding]:
+    """Whether an error of the calibrated case grows with the distance, setting by setting."""
+    findings, region = [], f"above {GROWS:g}"
     for s in trend_settings(settings):
         if not noisy(s):
             continue
-        errors = s.of(s.right, NORMAL)
-        statistic, region = "log-log slope of the normal's mean error over distance", f"above {GROWS:g}"
+        errors = s.of(s.right, error)
         why = problem(s, errors)
         slope = None if why else log_slope(errors, s.distance_D, s.tilts()[1], s.frame)
         if slope is None:
             findings.append(undecided(s, statistic, region, why or "no slope can be fitted"))
         else:
-            findings.append(found(s, statistic, POWER.format("mean error"), decide(slope, GROWS), region))
+            findings.append(found(s, statistic, POWER.format(subject), decide(slope, GROWS), region))
+    return findings
+
+
+def normal_grows(settings: Sequence[Setting]) -> Claim | None:
+    """Claim: the normal's error grows with the distance."""
+    statistic = "log-log slope of the normal's mean error over distance"
+    findings = growths(settings, NORMAL, statistic, "mean error")
     if not findings:
         return None
     return Claim(

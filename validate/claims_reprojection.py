@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roundel.validate.claims_normal import GROWS, POWER, noisy
+from roundel.validate.claims_normal import GROWS, POWER, growths, noisy
 from roundel.validate.findings import Claim, found, problem, trend_settings, undecided
 from roundel.validate.paper_frames import REPROJECTION, Setting, shown
 from roundel.validate.summary import number
-from roundel.validate.trends import Estimate, decide, decide_all, log_slope, mean_of
+from roundel.validate.trends import Estimate, decide_all, log_slope, mean_of
 
 # "Quite near the error with the right focal length": at most a quarter above it at the farthest distance.
 NEAR = 1.25
@@ -21,18 +21,8 @@ MEETS = 1.1
 
 def reprojection_calibrated(settings: Sequence[Setting]) -> Claim | None:
     """Claim: the calibrated reprojection error grows with the distance."""
-    findings = []
-    statistic, region = "log-log slope of the calibrated reprojection error over distance", f"above {GROWS:g}"
-    for s in trend_settings(settings):
-        if not noisy(s):
-            continue
-        errors = s.of(s.right, REPROJECTION)
-        why = problem(s, errors)
-        slope = None if why else log_slope(errors, s.distance_D, s.tilts()[1], s.frame)
-        if slope is None:
-            findings.append(undecided(s, statistic, region, why or "no slope can be fitted"))
-        else:
-            findings.append(found(s, statistic, POWER.format("calibrated error"), decide(slope, GROWS), region))
+    statistic = "log-log slope of the calibrated reprojection error over distance"
+    findings = growths(settings, REPROJECTION, statistic, "calibrated error")
     if not findings:
         return None
     return Claim(
