@@ -63,7 +63,7 @@ def validate_dataset(
     estimates_paths : sequence of path
         Files, or folders that hold an `estimates.parquet`.
     out_path : path
-        The report's folder; its three files are written whole or not at all.
+        The report's folder; each of its files is written whole or not at all.
     extent_D : float
         Half the side of the reprojection error's grid, in marker diameters.
     camera_path : path, optional
