@@ -7,6 +7,7 @@ import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
@@ -83,6 +84,15 @@ def test_tables_of_hostile_names(evil: Path) -> None:
         assert not re.search("[\u202a-\u202e\u2066-\u2069]", text)
         if file.suffix == ".md":
             assert "<" not in text
+
+
+def test_figures_of_hostile_names(evil: Path) -> None:
+    files = list((evil / "figures").iterdir())
+    assert files
+    assert all(re.fullmatch(r"[a-z0-9.-]+\.svg", file.name) for file in files)
+    for file in files:
+        tags = {element.tag.partition("}")[2] for element in ElementTree.parse(file).iter()}
+        assert tags.isdisjoint({"script", "foreignObject", "image", "a", "iframe"})
 
 
 def test_a_name_without_end_is_cut(tmp_path: Path) -> None:

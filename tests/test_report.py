@@ -116,10 +116,14 @@ def test_the_same_input_gives_the_same_files(
     validate_dataset(dataset.path, [report[0].parent / "estimates"], tmp_path / "again")
     for name in ("report.html", "summary.json", "scores.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (report[0] / name).read_bytes()
-    inside = ["report.html", "scores.parquet", "summary.json", "tables"]
+    inside = ["figures", "report.html", "scores.parquet", "summary.json", "tables"]
     assert sorted(p.name for p in (tmp_path / "again").iterdir()) == inside
-    for one in (report[0] / "tables").iterdir():
-        assert (tmp_path / "again" / "tables" / one.name).read_bytes() == one.read_bytes()
+    for folder in ("tables", "figures"):
+        made = sorted((report[0] / folder).iterdir())
+        assert made
+        assert [p.name for p in made] == sorted(p.name for p in (tmp_path / "again" / folder).iterdir())
+        for one in made:
+            assert (tmp_path / "again" / folder / one.name).read_bytes() == one.read_bytes()
 
 
 def test_the_summary_agrees_with_the_scores(report: tuple[Path, dict[str, Any]]) -> None:

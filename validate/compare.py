@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.files import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.figure_files import write_figures
 from roundel.validate.page import Tables, figures, fill, presentable
 from roundel.validate.reference import METHOD as CHESSBOARD
 from roundel.validate.report_tables import pairs_table, result_table
@@ -103,6 +104,7 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
         version=versions()["roundel"],
     )
     write_file(out / PAGE, html.encode())
+    write_figures(out, drawn)
     write_tables(out, found, NAMES)
     return said
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from roundel.datasets.fidelity_summary import fidelity_lines
@@ -30,6 +30,10 @@ class Pictures:
     matrix: list[Picture] = field(default_factory=list)
     comparison: list[Picture] = field(default_factory=list)
     calibration: list[Picture] = field(default_factory=list)
+
+    def all(self) -> list[Picture]:
+        """Every figure, in the order of the page."""
+        return [picture for part in fields(self) for picture in getattr(self, part.name)]
 
 
 def render_report(

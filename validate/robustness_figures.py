@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.validate.drawing import CURVES, INK, Picture, colour, draw_svg, marker
+from roundel.validate.drawing import CURVES, INK, Picture, colour, draw_svg, marker, name_of
 from roundel.validate.robustness import is_logarithmic
 from roundel.validate.summary import number
 
@@ -25,7 +24,7 @@ def sweep_pictures(sweeps: list[dict[str, Any]]) -> list[Picture]:
     """One figure a sweep of the summary."""
     found = []
     for sweep in sweeps:
-        name = "sweep-" + re.sub(r"[^a-z0-9]+", "-", f"{sweep['group']} {sweep['key']}".lower())
+        name = name_of("sweep", sweep["group"], sweep["key"])
 
         def draw(figure: Figure, sweep: dict[str, Any] = sweep) -> None:
             axes = figure.subplots()

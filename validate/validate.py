@@ -1,4 +1,5 @@
-"""`roundel validate`: estimates against the truth, to scores.parquet, summary.json and report.html.
+"""`roundel validate`: estimates against the truth, to scores.parquet, summary.json, report.html and its
+figures and tables as files.
 
 The same dataset and estimates give the same bytes, whenever and wherever they are scored: no file holds a time or a
 path.
@@ -23,6 +24,7 @@ from roundel.validate.calibration_figures import calibration_pictures
 from roundel.validate.calibrations import several_calibrations
 from roundel.validate.camera_errors import calibration_summary
 from roundel.validate.estimates_file import find_estimates
+from roundel.validate.figure_files import write_figures
 from roundel.validate.figures import pictures
 from roundel.validate.matrix import matrix_pictures
 from roundel.validate.narrative import main_run
@@ -142,6 +144,7 @@ def validate_dataset(
     write_file(out / SCORES, sink.getvalue())
     write_file(out / SUMMARY, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     write_file(out / REPORT, html.encode())
+    write_figures(out, drawn.all())
     write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
     return summary
 

@@ -1,38 +1,37 @@
-"""The README's verdicts: figures as SVG files, and a Markdown table with a column a study.
+"""The README's figures of verdicts and of a calibration's worth, and its table of verdicts with a column a study.
 
     python docs/verdicts/make.py PICTURES RUN...
 
-RUN is a folder of `roundel run`, with `dataset` and `report` in it; the figures go to PICTURES as
-`verdict-STUDY-CLAIM.svg`, the table to standard output.
+RUN is a folder of `roundel run`, with `dataset` and `report` in it. The report's figures go to PICTURES as
+`verdict-STUDY-CLAIM.svg` and `worth-STUDY.svg`, the table to standard output.
 """
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
-
 from roundel.datasets.dataset import open_dataset
-from roundel.validate.drawing import standalone_svg
+from roundel.validate.figure_files import FOLDER
 from roundel.validate.summary import number
-from roundel.validate.verdict_figures import verdict_pictures
-from roundel.validate.verdicts import verdicts_of
 
 _INTERVAL = ("value", "low", "high")
 
 
-def draw_study(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Write a study's figures; its name, and its verdicts by claim."""
-    study = open_dataset(run / "dataset").study
-    table = pq.read_table(run / "report" / "scores.parquet")
-    verdicts = verdicts_of(table, study)
-    for verdict, picture in zip(verdicts, verdict_pictures(table, study, verdicts), strict=True):
-        file = pictures / f"verdict-{study['name']}-{verdict['key']}.svg"
-        file.write_text(standalone_svg(picture), encoding="utf-8")
-    return study["name"], {v["key"]: v for v in verdicts}
+def copy_figures(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Copy a study's figures; its name, and its verdicts by claim."""
+    study = open_dataset(run / "dataset").study["name"]
+    summary = json.loads((run / "report" / "summary.json").read_text(encoding="utf-8"))
+    figures = run / "report" / FOLDER
+    for verdict in summary["verdicts"]:
+        shutil.copyfile(figures / f"verdict-{verdict['key']}.svg", pictures / f"verdict-{study}-{verdict['key']}.svg")
+    if summary["worth"]:
+        shutil.copyfile(figures / "worth.svg", pictures / f"worth-{study}.svg")
+    return study, {v["key"]: v for v in summary["verdicts"]}
 
 
 def cell(study: str, verdict: dict[str, Any] | None, pictures: Path) -> str:
@@ -71,9 +70,9 @@ def markdown(studies: dict[str, dict[str, dict[str, Any]]], pictures: Path) -> s
 
 
 def main() -> None:
-    """Draw what the command line names."""
+    """Copy and write what the command line names."""
     pictures, runs = Path(sys.argv[1]), [Path(run) for run in sys.argv[2:]]
-    sys.stdout.write(markdown(dict(draw_study(run, pictures) for run in runs), pictures) + "\n")
+    sys.stdout.write(markdown(dict(copy_figures(run, pictures) for run in runs), pictures) + "\n")
 
 
 if __name__ == "__main__":
