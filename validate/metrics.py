@@ -130,7 +130,7 @@ METRICS: tuple[Metric, ...] = (
 )
 
 # Raised when a definition changes: scores of different versions are not compared.
-METRIC_VERSION = 2
+METRIC_VERSION = 3
 
 POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "pose")
 ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "ellipse")
