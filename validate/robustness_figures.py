@@ -59,8 +59,9 @@ def sweep_caption(sweep: dict[str, Any]) -> str:
         f"Normal error of the better candidate over {title_of(sweep)}"
         + (", divided by the frame's own Cramer-Rao bound at the mildest level" if relative else "")
         + f": median over the same {frames} circles at every level, a circle that was not solved counting as "
-        "infinitely wrong. Bands: 95 % interval (bootstrap over frames); dotted: the bound of each level; dashed: "
-        "where the error has doubled."
+        "infinitely wrong. Bands: 95 % interval (bootstrap over frames); dashed: where the error has doubled; dotted: "
+        "the bound of each level, which is one of the RMS: the median of a method that reaches it lies at 0.67 to 0.83 "
+        "of it."
     )
     return " ".join([text, *(doubling_in_words(sweep, curve) for curve in sweep["curves"])])
 
@@ -105,8 +106,12 @@ def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
         if v is not None and v > 0
     ]
     axes.set_ylim(0.6 * min(known), 1.6 * max(known))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     if is_logarithmic(sweep["levels"]):
         axes.set_xscale("log")
+        axes.set_xticks(levels, [f"{v:g}" for v in levels], minor=False)
+        axes.xaxis.set_minor_formatter("")
     if sweep["levels"][0] > sweep["levels"][-1]:
         axes.invert_xaxis()
     axes.set_xlabel(title_of(sweep))

@@ -66,7 +66,7 @@ def table(sweeps: dict[str, dict[str, Any]]) -> str:
         for i, curve in enumerate(sweep["curves"]):
             at = curve["doubling"]
             low, high = ("beyond" if v is None else number(v) for v in (at["low"], at["high"]))
-            doubled = "never" if at["level"] is None else f"{number(at['level'])} ({low} to {high})"
+            doubled = "not within them" if at["level"] is None else f"{number(at['level'])} ({low} to {high})"
             deg = curve["normal_median_deg"]
             name = f"[{study}](../configs/{study}.yaml): {title_of(sweep)}" if i == 0 else ""
             cells = (
