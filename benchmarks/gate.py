@@ -1,6 +1,6 @@
 """What the gate is worth: false alarms, a loss of 5 %, planted bugs, no samples; on the shipped benchmark.
 
-    OMP_NUM_THREADS=1 python benchmarks/gate.py [--folder out/gate] [--copies 46] [--worse 20] [--out FILE]
+    OMP_NUM_THREADS=1 python benchmarks/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
 
 Renders configs/benchmark.yaml unless FOLDER/dataset is there, and solves copies of it with fresh sensor noise, one
 after another (one core; a copy has 3,000 frames). It can be stopped at any time, and goes on where it stopped.
@@ -133,8 +133,8 @@ def bugs(source: Source, options: argparse.Namespace) -> Iterator[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", default="out/gate", help="for dataset, copies and reports")
-    parser.add_argument("--copies", type=int, default=46, help="with the study's sensor")
-    parser.add_argument("--worse", type=int, default=20, help="with the noise of a 5 %% loss")
+    parser.add_argument("--copies", type=int, default=12, help="with the study's sensor")
+    parser.add_argument("--worse", type=int, default=10, help="with the noise of a 5 %% loss")
     parser.add_argument("--comparisons", type=int, default=1000, help="mixed ones, of each sort")
     parser.add_argument("--only", choices=("statistics", "bugs"), help="one half")
     parser.add_argument("--out", help="write the tables to this file, too")
