@@ -1,6 +1,7 @@
 """The paper's claims as verdicts: planted laws are found, planted falsehoods refused, and the rest is left open."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
 from roundel.validate.drawing import standalone_svg
+from roundel.validate.findings import Finding
 from roundel.validate.records import read_runs
 from roundel.validate.scores import score
 from roundel.validate.targets import true_targets
 from roundel.validate.validate import validate_dataset
 from roundel.validate.verdict_figures import verdict_pictures
-from roundel.validate.verdicts import CLAIMS, CONDITION, FALSE, HOLDS, OPEN, verdicts_of
+from roundel.validate.verdicts import CLAIMS, CONDITION, FALSE, HOLDS, OPEN, _side, verdicts_of
 
 DISTANCES, TILTS = (15, 20, 25, 30, 35, 40, 45, 50), (15, 30, 45)
 STUDY: dict[str, Any] = {
@@ -149,6 +151,14 @@ def test_frames_that_were_lost_decide_nothing() -> None:
 def test_a_noisy_border_is_left_open() -> None:
     flat = changed("scaled:1", "normal", (1.1, 0.12, -1.0))
     assert outcomes(table_of(flat, per_cell=4))["normal-distance"] == OPEN
+
+
+def test_what_is_left_open_says_why() -> None:
+    found = Finding("g", True, "ratio", 1.9, 1.1, 3.3, 42, "above 1", 0.02, True)
+    assert _side(found, 0.03).holds is True
+    among_many, near = _side(found, 0.08), _side(replace(found, low=0.9, p=0.2), 0.4)
+    assert (among_many.holds, among_many.reason) == (None, "it is not sure among all the report's statistics")
+    assert (near.holds, near.reason) == (None, "the interval reaches over the border")
 
 
 def test_groups_that_disagree_make_a_condition() -> None:

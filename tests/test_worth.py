@@ -106,7 +106,7 @@ def test_not_worth_where_errors_are_alike() -> None:
     rng = np.random.default_rng(3)
     other = {error.name: rng.permutation(NOISE) for error in ERRORS}
     worth = asked({"calibrated:5": everywhere(1.0), "default": other})
-    assert answer(worth)[0].endswith("for the normal: nowhere; position: nowhere; reprojection: nowhere.")
+    assert answer(worth)[0].endswith("for the normal, position and reprojection: nowhere.")
     verdicts = [gain["worth"] for panel in worth_record(worth)["panels"] for gain in panel["gain"]]
     assert set(verdicts) <= {"no", "open"}
     assert verdicts.count("no") > verdicts.count("open")
@@ -160,7 +160,7 @@ def test_studies_that_stay_on_the_axis_or_off_it() -> None:
     for offset, words in ((0.1, "on the axis"), (9.0, "off the axis")):
         worth = worth_of(table, dict.fromkeys(OFFSETS, offset))
         assert worth is not None
-        assert "for the normal: everywhere" in answer(worth)[0]
+        assert "for the normal, position and reprojection: everywhere" in answer(worth)[0]
         assert words in answer(worth)[1]
         assert worth_picture(worth).svg.startswith("<svg")
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DISTANCE = "distance [D]"
 _MIN_DF = 4
-BANDS = "Means of the better candidate; bands: 95 % interval. D: marker diameters."
+BANDS = "Means of the better candidate; bands: 95 % interval, where frames suffice. D: marker diameters."
 
 
 @dataclass(frozen=True)

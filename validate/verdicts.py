@@ -132,7 +132,9 @@ def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _side(f: Finding, p: float | None) -> Side:
     decided = p is not None and p < ALPHA
-    reason = f.reason or ("" if decided else "the interval reaches over the border")
+    many = f.p is not None and f.p < ALPHA  # sure, were it the only one
+    why = "it is not sure among all the report's statistics" if many else "the interval reaches over the border"
+    reason = f.reason or ("" if decided else why)
     return Side(
         f.where,
         f.on_axis,

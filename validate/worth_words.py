@@ -45,7 +45,14 @@ def answer(worth: Worth) -> list[str]:
     """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
     views = calibration_views(worth.calibrated)
     source = "A calibration" if views is None else f"A calibration from {views} views"
-    short = "; ".join(f"{error.name}: {_in_short(worth, error)}" for error in ERRORS)
+    places = {error.name: _in_short(worth, error) for error in ERRORS}
+    names = list(places)
+    alike = set(places.values()) in ({"everywhere"}, {"nowhere"})
+    short = (
+        f"{', '.join(names[:-1])} and {names[-1]}: {places[names[0]]}"
+        if alike
+        else "; ".join(f"{name}: {place}" for name, place in places.items())
+    )
     return [
         f"{source} is worth having, that is it makes the median error with {named(worth.uncalibrated)} intrinsics "
         f"smaller by more than a factor {FACTOR:g}, for the {short}.",
