@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _MIN_FRAMES, _MIN_IN_BIN, _MAX_BINS = 24, 8, 10
 # A variable whose values differ by less than this share of their size was not varied.
 _MIN_SPREAD = 0.02
+# Bins nearer than this share of the panel's width are one.
+_APART = 0.03
 
 
 @dataclass(frozen=True)
@@ -145,13 +147,24 @@ def _varied(part: pa.Table, degree: Degree) -> Array | None:
 
 
 def _bins(values: Array) -> list[NDArray[np.int64]]:
-    """Rows of like value, in the order of their value: those of one level of a grid, or as many in each."""
+    """Rows of like value, in the order of their value: those of one level of a grid, or as many in each.
+
+    Parts that a panel could not tell apart are one: many frames of nearly one value would draw a vertical line.
+    """
     known = np.flatnonzero(np.isfinite(values))
     levels = np.unique(np.round(values[known], 6))
     if len(levels) <= _MAX_BINS and len(known) >= _MIN_IN_BIN * len(levels):
         return [known[np.round(values[known], 6) == level] for level in levels]
     count = int(np.clip(len(known) // (2 * _MIN_IN_BIN), 3, _MAX_BINS))
-    return list(np.array_split(known[np.argsort(values[known], kind="stable")], count))
+    bins: list[NDArray[np.int64]] = []
+    drawn = np.log(values) if _is_logarithmic(values) else values
+    apart = _APART * np.ptp(drawn[known])
+    for rows in np.array_split(known[np.argsort(values[known], kind="stable")], count):
+        if bins and np.median(drawn[rows]) - np.median(drawn[bins[-1]]) < apart:
+            bins[-1] = np.concatenate([bins[-1], rows])
+        else:
+            bins.append(rows)
+    return bins
 
 
 def _panel(axes: Axes, values: Array, part: pa.Table, error: Error, bins: list[NDArray[np.int64]]) -> None:
@@ -177,11 +190,16 @@ def _misses(axes: Axes, values: Array, solved: NDArray[np.bool_], bins: list[NDA
     axes.plot(x, [100 * np.mean(~solved[rows]) for rows in bins], color=colour(1), lw=1.4, marker="s", ms=2.5)
 
 
+def _is_logarithmic(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.min() > 0 and known.max() > 10 * known.min())
+
+
 def _scale_x(axes: Axes, values: Array) -> None:
     from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
     known = values[np.isfinite(values)]
-    if known.min() > 0 and known.max() > 10 * known.min():
+    if _is_logarithmic(values):
         axes.set_xscale("log")
         # A panel is narrow: decades alone, where there are two of them.
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if known.max() > 30 * known.min() else (1.0, 3.0)))
