@@ -73,7 +73,7 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
-bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (hours; goes on where it stopped)
+bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (an hour or two; goes on where it stopped)
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/gate.py $(BENCH_FLAGS)
 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
