@@ -35,7 +35,7 @@ TITLES: dict[str, tuple[str, str]] = {
     "motion.exposure_s": ("Exposure of a turning camera", "s"),
     "motion.readout_s": ("Readout of a rolling shutter", "s"),
     "occluders.0.x_m": ("Position of the occluder's edge", "m"),
-    "pose.offset_x_px": ("Offset of the marker from the image's centre", "px"),
+    "pose.offset_x_px": ("Offset from the image's centre", "px"),
 }
 
 
