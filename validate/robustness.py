@@ -34,7 +34,7 @@ TITLES: dict[str, tuple[str, str]] = {
     "light.environment": ("Radiance of the surroundings", ""),
     "motion.exposure_s": ("Exposure of a turning camera", "s"),
     "motion.readout_s": ("Readout of a rolling shutter", "s"),
-    "occluders.0.x_m": ("Position of the occluder's edge", "m"),
+    "occluders.0.x_m": ("Place of the occluder's middle", "m"),
     "pose.offset_x_px": ("Offset from the image's centre", "px"),
 }
 
