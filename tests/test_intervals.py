@@ -53,7 +53,8 @@ def test_wilson_published():
     found = wilson_interval(81, 263)
     assert (found.low, found.high) == (pytest.approx(0.2553, abs=5e-5), pytest.approx(0.3662, abs=5e-5))
     found = wilson_interval(0, 20)
-    assert (found.low, found.high) == (pytest.approx(0.0, abs=1e-12), pytest.approx(0.1611, abs=5e-5))
+    assert (found.low, found.high) == (0.0, pytest.approx(0.1611, abs=5e-5))
+    assert [(wilson_interval(0, n).low, wilson_interval(n, n).high) for n in range(1, 50)] == [(0.0, 1.0)] * 49
     assert wilson_interval(0, 0).value is None
 
 

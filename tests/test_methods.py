@@ -1,5 +1,6 @@
 """Methods of others: found by entry point, called with a copy of what a solver may see, checked, and scored."""
 
+import csv
 import importlib.util
 import shutil
 import subprocess
@@ -188,6 +189,22 @@ def test_a_method_of_others_is_solved_and_scored(site, dataset, tmp_path, capsys
         assert {row[n] for n in ("normal_error_deg", "position_error_m", "reprojection_error_px")} == {None}
         assert row["branch_correct"] is None
     assert "blobs, true: 4 of 4 found without a pose" in capsys.readouterr().out
+    rows = csv.DictReader((report / "tables" / "centres.csv").read_text().splitlines())
+    centres = next(r for r in rows if r["method"] == "blobs")
+    assert (centres["found"], centres["circles"]) == ("4", "4")
+    median = np.median([r["ellipse_centre_error_px"] for r in table])
+    assert float(centres["ellipse_centre_error_px_median"]) == pytest.approx(median, rel=1e-6)
+
+
+def test_a_report_of_centres_alone_says_that_it_has_no_poses(dataset, tmp_path):
+    assert main(["solve", str(dataset.path), str(tmp_path / "est"), "--method", "blobs", "--intrinsics", "true"]) == 0
+    assert main(["validate", str(dataset.path), str(tmp_path / "est"), "--out", str(tmp_path / "report")]) == 0
+    html = (tmp_path / "report" / "report.html").read_text()
+    assert "Method blobs found 4 of 4 circles in 4 frames" in html
+    assert "It gives no poses. Its centres are off by" in html
+    assert "of 4 circles found, without a pose" in html
+    assert "two poses that explain it equally well" not in html
+    assert "<b>-" not in html
 
 
 def test_points_are_no_image(tmp_path, capsys):

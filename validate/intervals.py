@@ -258,7 +258,9 @@ def wilson_interval(successes: float, n: float, *, level: float = LEVEL) -> Inte
     rate = successes / n
     middle = (rate + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n))
-    return Interval(rate, max(0.0, middle - half), min(1.0, middle + half), round(n), "Wilson")
+    # At 0 and at 1 one end is the rate itself, which rounding would miss by 1e-17.
+    low, high = (0.0 if successes == 0 else middle - half), (1.0 if successes == n else middle + half)
+    return Interval(rate, low, high, round(n), "Wilson")
 
 
 def rate_interval(success: ArrayLike, clusters: ArrayLike, *, level: float = LEVEL) -> Interval:

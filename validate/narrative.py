@@ -7,7 +7,7 @@ from typing import Any
 
 from roundel.scenes.schema import calibration_views
 from roundel.validate.reference import METHOD as CHESSBOARD
-from roundel.validate.summary import is_right, number
+from roundel.validate.summary import found_without_pose, is_right, number
 
 Run = dict[str, Any]
 
@@ -54,10 +54,13 @@ def sentences(summary: dict[str, Any]) -> list[str]:
     data, main = summary["dataset"], main_run(summary)
     runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
     circles = "circle" if main["n"] == 1 else "circles"
+    bare = found_without_pose(main)
     found = [
-        f"Method {main['method']} found {main['solved']} of {main['n']} {circles} in {data['frames']} frames; "
+        f"Method {main['method']} found {main['solved'] + bare} of {main['n']} {circles} in {data['frames']} frames; "
         + _false_sentence(main)
     ]
+    if bare:
+        found.append(_centre_sentence(main, bare))
     if main["oracle"]["normal_error_deg"]["n"]:
         found.append(
             f"With {intrinsics_in_words(main['intrinsics'])}, {_errors(main)}, in the median; in 95 % of frames the "
@@ -75,7 +78,8 @@ def sentences(summary: dict[str, Any]) -> list[str]:
             "factor puts the marker off in distance by that factor; points drawn through the same intrinsics suffer "
             "less, and the less the farther away the marker is."
         )
-    found.append(_choice_sentence(main))
+    if main["solved"]:
+        found.append(_choice_sentence(main))
     found.extend(_calibration_sentences(summary))
     return found
 
@@ -85,6 +89,15 @@ def _false_sentence(run: Run) -> str:
     if not count:
         return "nothing else was taken for one."
     return "1 detection is of no marker." if count == 1 else f"{count} detections are of no marker."
+
+
+def _centre_sentence(run: Run, bare: int) -> str:
+    image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
+    whose = "It gives no poses" if not run["solved"] else f"Of {bare} it gave no pose"
+    return (
+        f"{whose}. Its centres are off by {number(image['median'])} px from the image of the circle's centre and by "
+        f"{number(ellipse['median'])} px from the centre of its ellipse, in the median."
+    )
 
 
 def _choice_sentence(run: Run) -> str:

@@ -12,7 +12,7 @@ from roundel.validate.narrative import commands, intrinsics_in_words, main_run, 
 from roundel.validate.overlays import Overlay
 from roundel.validate.page import Tables, figures, fill, presentable, shown_table
 from roundel.validate.report_tables import fidelity_table, metric_table, pairs_table, report_tables
-from roundel.validate.summary import number
+from roundel.validate.summary import found_without_pose, number
 from roundel.validate.tables import Table
 
 # Style of an outcome; the word itself says it, for those who see no colours.
@@ -127,6 +127,14 @@ def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
     run = main_run(summary)
     oracle, label = run["oracle"], intrinsics_in_words(run["intrinsics"])
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
+    bare = found_without_pose(run)
+    if bare and not run["solved"]:
+        off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
+        return [
+            {"value": f"{100 * bare / run['n']:.4g} %", "label": f"of {run['n']} circles found, without a pose"},
+            {"value": f"{number(off[0])} px", "label": "centre, from the image of the circle's, median"},
+            {"value": f"{number(off[1])} px", "label": "centre, from the ellipse's, median"},
+        ]
     normal, position, around = (
         number(oracle[f"{name}_error_{unit}"]["median"])
         for name, unit in (("normal", "deg"), ("position", "pct"), ("reprojection", "px"))

@@ -10,14 +10,15 @@ from roundel.datasets.fidelity_summary import fidelity_lines
 from roundel.validate.calibration_tables import calibration_tables
 from roundel.validate.reference import METHOD as CHESSBOARD
 from roundel.validate.statistics_tables import statistics_tables
+from roundel.validate.summary import found_without_pose
 from roundel.validate.tables import Cell, Column, Table
 from roundel.validate.worth_table import worth_table
 
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "chosen", "groups", "failures", "comparisons", "solved_by_one", "efficiency",
-    "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
+    "worth", "verdicts", "results", "centres", "chosen", "groups", "failures", "comparisons", "solved_by_one",
+    "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
     "against_chessboard",
 )  # fmt: skip
 
@@ -37,6 +38,10 @@ _ERRORS = (
     ("reprojection_error_px", "reprojection_error_px", "Reprojection", "px", 1.0, False),
 )
 _CONTOUR = ("contour_error_px", "contour_error_px", "Contour", "px", 1.0, False)
+_CENTRES = (
+    ("oracle", ("centre_image_error_px", "centre_image_error_px", "To the circle's", "px", 1.0, False)),
+    ("ellipse", ("ellipse_centre_error_px", "ellipse_centre_error_px", "To the ellipse's", "px", 1.0, False)),
+)
 
 
 def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
@@ -61,6 +66,7 @@ def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
         worth_table(summary.get("worth")),
         verdict_table(summary.get("verdicts") or []),
         result_table(mine, summary),
+        centre_table(mine),
         run_table("chosen", "Errors of the chosen candidate", [r for r in mine if r["branch_chosen"]], "chosen",
                   chosen_note),
         run_table("groups", "Errors by group", groups, "oracle", note),
@@ -123,6 +129,25 @@ def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str,
     if any(c.key == "false_detections" for c in columns):
         note += " False: detections of no marker."
     return Table(name, title, tuple(columns), tuple(map(tuple, rows)), note)
+
+
+def centre_table(runs: Sequence[Run]) -> Table:
+    """How far centres are off, of all runs, where one of them found circles and gave no pose."""
+    columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("found", "Found"),
+               Column("circles", "", role="of")]  # fmt: skip
+    rows: list[list[Cell]] = [[r["method"], r["intrinsics"], r.get("detected"), r["n"]] for r in runs]
+    for which, error in _CENTRES:
+        more, cells = _errors(runs, which, error)
+        columns += more
+        for row, cell in zip(rows, cells, strict=False):
+            row += cell
+    note = (
+        f"{_STATISTIC.replace('solved', 'found')} To the image of the circle's centre, and to the centre of its "
+        "ellipse, which perspective moves away from it: a method that gives the one is judged by that column. "
+        "Delivered image."
+    )
+    shown = tuple(map(tuple, rows)) if any(map(found_without_pose, runs)) else ()
+    return Table("centres", "Centres, of methods with and without a pose", tuple(columns), shown, note)
 
 
 def _percent(run: Run, end: str) -> float | None:

@@ -279,11 +279,16 @@ def terminal_table(summary: dict[str, Any]) -> str:
     return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
 
 
+def found_without_pose(run: dict[str, Any]) -> int:
+    """How many circles a run found and gave no pose of: all of them, if it gives centres alone."""
+    return max(int(run.get("detected", 0)) - int(run["solved"]), 0)
+
+
 def _without_poses(summary: dict[str, Any]) -> list[str]:
     """A line for each run that found circles and no pose: how far off its centres are."""
     out = []
     for run in summary["runs"]:
-        bare = run.get("detected", 0) - run["solved"]
+        bare = found_without_pose(run)
         if bare > 0:
             image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
             out.append(
