@@ -27,8 +27,7 @@ pytestmark = [
 ]
 
 FRAMES = 1000
-# The promise, of an idle machine. A test's machine is shared: it has as much again before the test is red.
-MAX_BYTES, MAX_SECONDS, PATIENCE = 5_000_000, 2.0, 2.0
+MAX_BYTES, MAX_SECONDS = 5_000_000, 2.0
 
 STUDY = POINTS.replace("{grid: [15, 30, 45]}", "{uniform: [15, 45]}").replace(
     "{grid: [15, 25, 40]}", "{uniform: [15, 40]}"
@@ -91,8 +90,8 @@ def test_it_opens_soon_and_quietly(report: Path, browser: Any, scripts: bool, na
     path = (report.parent / name).resolve()
     assert path.stat().st_size <= MAX_BYTES
     visit = Visit(browser, scripts)
-    seconds = min(visit.open(path) for _ in range(3))
-    assert seconds <= MAX_SECONDS * PATIENCE
+    # The best of three: a test's machine has other work, too.
+    assert min(visit.open(path) for _ in range(3)) <= MAX_SECONDS
     assert visit.said == []
     # The file itself, three times, and nothing else but pictures that it holds within.
     assert [url for url in visit.requests if not url.startswith("data:")] == [path.as_uri()] * 3
