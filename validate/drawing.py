@@ -69,10 +69,10 @@ def legend_text(name: str, limit: int = 40) -> str:
 
 
 def name_of(*texts: str) -> str:
-    """A figure's name from names of users': different for different ones, and safe as an id."""
-    plain = "-".join(re.sub(r"[^a-z0-9]+", "-", text.lower())[:40].strip("-") for text in texts)
-    safe = all(re.fullmatch(r"[a-z0-9_.:-]{1,40}", text) for text in texts)
-    return plain if safe else f"{plain}-{sha256(chr(0).join(texts).encode('utf-8', 'replace'))[:8]}"
+    """A figure's name from names of users': different for different ones, and safe as an id and in a path."""
+    plain = [re.sub(r"[^a-z0-9._-]+", "-", text.lower())[:40].strip("-.") for text in texts]
+    name = "-".join(filter(None, plain))
+    return name if plain == list(texts) else f"{name}-{sha256(chr(0).join(texts).encode('utf-8', 'replace'))[:8]}"
 
 
 def draw_svg(
