@@ -139,7 +139,7 @@ def centre_table(runs: Sequence[Run]) -> Table:
     for which, error in _CENTRES:
         more, cells = _errors(runs, which, error)
         columns += more
-        for row, cell in zip(rows, cells, strict=False):
+        for row, cell in zip(rows, cells or [[]] * len(rows), strict=True):  # no run has this error: no columns
             row += cell
     note = (
         f"{_STATISTIC.replace('solved', 'found')} To the image of the circle's centre, and to the centre of its "
