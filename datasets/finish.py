@@ -14,10 +14,12 @@ import yaml
 from roundel.datasets import files, journal
 from roundel.datasets.fidelity_summary import summarise
 from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
+from roundel.datasets.numbers import check_numbers
 from roundel.datasets.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.scenes.camera import camera_to_json
 from roundel.scenes.edge_points import edge_points_of
 from roundel.scenes.frame import Frame, frames_of, total_frames
+from roundel.scenes.identity import SAMPLING_VERSION
 from roundel.scenes.row_poses import row_poses_of
 from roundel.scenes.study import Study
 from roundel.scenes.truth import truth_of
@@ -88,12 +90,18 @@ def finish_dataset(
     """Write tables, cameras, sorted journal, and the manifest last: the same bytes in any order of work.
 
     `developed_from` is the dataset_id of the dataset whose radiance was developed, if nothing was rendered here.
+
+    Raises
+    ------
+    DataError
+        If a frame was rendered from other numbers than those that its truth would be computed from.
     """
     rows: list[dict[str, Any]] = []
     cameras: list[dict[str, Any]] = []
     row_poses: list[dict[str, Any]] = []
     points: dict[str, list[Any]] = {name: [] for name in POINTS_SCHEMA.names}
     for frame in frames_of(study):
+        check_numbers(dataset, frame, entries.get(frame.frame_id))
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
         for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
@@ -135,6 +143,7 @@ def finish_dataset(
         "study": study.resolved(),
         "study_sha256": listed[files.STUDY]["sha256"],
         "dataset_id": study.digest(),
+        "sampling_version": SAMPLING_VERSION,
         "seed": study.seed,
         "versions": versions(),
         "environment": environment,

@@ -9,6 +9,7 @@ from pathlib import Path
 from roundel.datasets import files, journal
 from roundel.datasets.images import read_image
 from roundel.datasets.manifest import read_manifest
+from roundel.datasets.numbers import other_numbers
 from roundel.datasets.radiance import read_radiance
 from roundel.scenes.errors import DataError
 
@@ -55,7 +56,7 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     ----------
     path : path
     full : bool
-        Also compute every sha256 and decode every image; otherwise sizes only.
+        Also compute every sha256, decode every image and draw every frame's numbers again; otherwise sizes only.
 
     Returns
     -------
@@ -85,6 +86,8 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
                 findings.append(Finding(name, "not in the manifest; delete it"))
     try:
         entries = journal.read(path)
+        if full:
+            findings += [Finding(files.JOURNAL, what) for what in other_numbers(path, entries)]
         listed = {name for entry in entries.values() for name in entry["files"]}
         for name in sorted(n for n in recorded if n.startswith(("images/", "radiance/")) and n not in listed):
             findings.append(Finding(name, "in the manifest but not in the journal; run `roundel render` again"))

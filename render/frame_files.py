@@ -11,6 +11,7 @@ from roundel.datasets.radiance import Planes
 from roundel.render.develop import Developed
 from roundel.render.encode import jpeg_bytes, png_bytes
 from roundel.scenes.frame import Frame
+from roundel.scenes.identity import frame_digest
 from roundel.scenes.truth import truth_of
 
 
@@ -39,7 +40,7 @@ def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str,
 def entry_of(
     frame: Frame, developed: Developed, planes: Planes, fidelity: dict[str, Any], listed: dict[str, dict[str, Any]]
 ) -> journal.Entry:
-    """The frame's journal line: files with checksums, sensor, exposure, flags, photometry, fidelity.
+    """The frame's journal line: files and numbers with checksums, sensor, exposure, flags, photometry, fidelity.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ def entry_of(
     return {
         "frame_id": frame.frame_id,
         "group": frame.group,
+        "numbers_sha256": frame_digest(frame),
         "files": listed,
         "exposure_e": developed.exposure_e,
         "saturated_fraction": developed.saturated_fraction,

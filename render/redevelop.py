@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.finish import finish_dataset
 from roundel.datasets.images import open_images
 from roundel.datasets.manifest import read_manifest
+from roundel.datasets.numbers import check_numbers
 from roundel.datasets.radiance import Planes, encode_radiance, read_radiance, rounded
 from roundel.datasets.resume import prepare, record, reopen
 from roundel.render.develop import develop
@@ -23,10 +25,11 @@ from roundel.scenes.sensor_file import study_with_sensor
 from roundel.scenes.study import Study, load_study
 
 
-def _source_study(dataset: Path, dataset_id: str) -> Study:
+def _source_study(dataset: Path, manifest: dict[str, Any]) -> Study:
     """The study of a finished dataset whose frames all have their radiance."""
     study = load_study(dataset / files.STUDY)
-    if study.digest() != dataset_id:
+    # By the file's own checksum: how a dataset_id is computed may change from one version to the next.
+    if files.sha256((dataset / files.STUDY).read_bytes()) != manifest.get("study_sha256"):
         raise DataError(f"{dataset / files.STUDY}: is not the study of this dataset; restore it")
     rendered = {name: group for name, group in study.groups.items() if group.mode == "images"}
     if not rendered:
@@ -58,6 +61,7 @@ def _develop_frame(
         raise UsageError(
             f"frame {frame.frame_id}: its spreads would be drawn anew with this sensor; give numbers, not spreads"
         )
+    check_numbers(source, before, old)
     planes = _checked_radiance(source, old)
     developed = develop(frame, planes["Y"])
     noise = developed.noise_dn(planes["Y"])
@@ -110,7 +114,7 @@ def develop_dataset(
     # Opened first: a folder that is no dataset has a clearer sentence to say than its missing manifest.
     open_images(source)
     manifest = read_manifest(source)
-    before = _source_study(source, manifest["dataset_id"])
+    before = _source_study(source, manifest)
     study = study_with_sensor(before, sensor_file)
     if out.resolve() == source.resolve():
         raise UsageError(f"{out}: is the dataset itself; name another folder")

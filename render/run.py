@@ -17,6 +17,7 @@ from roundel.datasets import files, journal
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.fidelity import measure_circle
 from roundel.datasets.finish import finish_dataset
+from roundel.datasets.numbers import check_resumable
 from roundel.datasets.radiance import encode_radiance
 from roundel.datasets.resume import prepare, record, reopen
 from roundel.render.backend import DEFAULT_VARIANT, environment, start, variant_of
@@ -24,6 +25,7 @@ from roundel.render.develop import develop
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
+from roundel.scenes.identity import frame_digest
 from roundel.scenes.study import Study, load_study
 
 if TYPE_CHECKING:
@@ -174,7 +176,7 @@ def render_study(
     UsageError
         If the folder holds something else.
     DataError
-        If a file cannot be written; what is finished is kept.
+        If a file cannot be written (what is finished is kept), or if finished frames were drawn otherwise.
     """
     if not isinstance(study, Study):
         study = load_study(study)
@@ -182,11 +184,14 @@ def render_study(
     wanted: list[int] = []
     ranges = group_ranges(study)
     images = {i for name, ids in ranges.items() if study.groups[name].mode == "images" for i in ids}
+    digests: dict[int, str] = {}
     for frame in frames_of(study):
         # Every frame is placed before the first is rendered: a study that cannot be finished is refused now.
+        digests[frame.frame_id] = frame_digest(frame)
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)
     entries = prepare(study, dataset)
+    check_resumable(dataset, entries, digests)
     missing = [i for i in wanted if i not in entries]
     if missing:
         reopen(dataset, entries)

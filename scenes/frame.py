@@ -42,7 +42,7 @@ class Frame:
 
     `settings` is the group's section with every spread replaced by the frame's number; `camera_from_sheet` is the pose
     at time 0 of `motion`; files that the study names are relative to `folder`. `sensor_seed` is one for a group: the
-    pattern of its pixels does not change from frame to frame.
+    pattern of its pixels does not change from frame to frame. `drawn` has what the frame drew, by dotted key.
     """
 
     frame_id: int
@@ -57,6 +57,8 @@ class Frame:
     noise_seed: int
     ray_seed: int
     sensor_seed: int
+    sheet_seed: int
+    drawn: dict[str, float]
     folder: Path
 
     def part_time_s(self, part: Part) -> float:
@@ -154,7 +156,8 @@ def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> M
     return Motion(section.exposure_s, section.readout_s / height_px, centre_row_px, *twists)
 
 
-def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSection:
+def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
+    """A group's section with the numbers of one frame in the place of its spreads, and these numbers by dotted key."""
     group = study.groups[name]
     raw = group.model_dump(exclude_none=True)
     # Once drawn, a section has no grids left to tell how many frames a level has.
@@ -167,7 +170,8 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSec
             node = node[part]
         node[key[-1]] = value
 
-    for key, value in draw(group, study.seed, name, index).items():
+    numbers = draw(group, study.seed, name, index)
+    for key, value in numbers.items():
         put(key, value)
     if group.sweep is not None and level is not None:
         try:
@@ -179,7 +183,7 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> GroupSec
     except StudyError as error:
         message = f"{error.reason} (frame {index} of group {name})"
         raise StudyError(message, error.path, error.line, error.column) from error
-    return drawn
+    return drawn, {".".join(str(part) for part in key): value for key, value in numbers.items()}
 
 
 def frame_of(study: Study, frame_id: int) -> Frame:
@@ -209,7 +213,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     group = study.groups[name]
     step, index = divmod(position, frames_per_level(group))
     level = group.sweep.levels[step] if group.sweep else None
-    settings = _drawn(study, name, index, level)
+    settings, drawn = _drawn(study, name, index, level)
 
     def fail(message: str, *keys: str) -> StudyError:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
@@ -230,8 +234,12 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
             f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
             "camera",
         )
+    # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
+    noise_seed, ray_seed, sheet_seed = (
+        int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
+    )
     try:
-        sheet = sheet_of(settings.marker, int(stream(study.seed, name, 4, index).generate_state(1)[0]))
+        sheet = sheet_of(settings.marker, sheet_seed)
     except ValueError as error:
         raise fail(str(error), "marker") from error
     pose = settings.pose
@@ -252,8 +260,6 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
     if not (np.all(pixel >= low) and np.all(pixel <= high)):
         raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
-    # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
-    noise_seed, ray_seed = (int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2))
     try:
         motion = motion_of(settings.motion, camera.height_px, float(pixel[1]))
     except ValueError as error:
@@ -271,6 +277,8 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         noise_seed,
         ray_seed,
         int(stream(study.seed, name, 3).generate_state(1)[0]),
+        sheet_seed,
+        drawn,
         study.path.parent,
     )
     for part in sheet.parts:

@@ -33,7 +33,6 @@ class PoseSection(Section):
     distance_m: Positive | None = None
     tilt_deg: Tilt = 0.0
     azimuth_deg: Turn = 0.0
-    # None and not "optical_axis": a key that is left out must not change the digest of a study that never knew it.
     tilt_from: Literal["line_of_sight"] | None = Field(
         default=None, description="measure tilt and azimuth from the line of sight instead of from the optical axis"
     )

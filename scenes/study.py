@@ -7,8 +7,6 @@ refuses in one line with the place in the file.
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from roundel.scenes.errors import StudyError
+from roundel.scenes.identity import study_digest
 from roundel.scenes.layers import laid_over, preset, preset_names
 from roundel.scenes.light_map import map_sha256
 from roundel.scenes.light_section import LAMPS
@@ -79,9 +78,8 @@ class Study:
         }
 
     def digest(self) -> str:
-        """sha256 of all that decides the frames (groups, seed and schema; not how they are solved and scored)."""
-        frames = {k: v for k, v in self.resolved().items() if k in ("schema", "seed", "groups")}
-        return hashlib.sha256(json.dumps(frames, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+        """The dataset_id: sha256 of all that decides the frames; see `scenes.identity`."""
+        return study_digest(self)
 
     def error(self, message: str, group: str, *keys: str) -> StudyError:
         """A StudyError at the place where a group's key stands (or the nearest place above it)."""

@@ -1,0 +1,60 @@
+"""What a shipped study means, as plain values: its id, its frame counts, and the numbers of some of its frames."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from roundel.scenes.frame import frame_of, group_ranges
+from roundel.scenes.identity import SAMPLING_VERSION, frame_numbers
+from roundel.scenes.schema import GroupSection
+from roundel.scenes.study import load_study
+
+HOUSE = Path(__file__).resolve().parents[1]
+GOLDEN = HOUSE / "tests" / "golden"
+STUDIES = sorted(path.stem for path in (HOUSE / "configs").glob("*.yaml"))
+
+
+def _chosen(ids: range) -> list[int]:
+    """Frames of a group to hold: both ends, those on both sides of a block of the sequence, and some between."""
+    count = len(ids)
+    places = {0, 1, 2, count // 3, count // 2, 255, 256, count - 1}
+    return [ids[i] for i in sorted(places) if 0 <= i < count]
+
+
+def record_of(name: str) -> dict[str, Any]:
+    """The golden record of a shipped study."""
+    study = load_study(HOUSE / "configs" / f"{name}.yaml")
+    ranges = group_ranges(study)
+    return {
+        "sampling_version": SAMPLING_VERSION,
+        "dataset_id": study.digest(),
+        "groups": {group: [ids.start, ids.stop] for group, ids in ranges.items()},
+        "frames": {str(i): frame_numbers(frame_of(study, i)) for ids in ranges.values() for i in _chosen(ids)},
+    }
+
+
+def schema_defaults(model: type[BaseModel] = GroupSection) -> dict[str, Any]:
+    """Default of every key of every section below a group, by Section.key: a default that changes is other frames."""
+    seen: dict[str, Any] = {}
+
+    def models_in(annotation: Any) -> list[type[BaseModel]]:
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            return [annotation]
+        return [m for inner in getattr(annotation, "__args__", ()) for m in models_in(inner)]
+
+    def walk(section: type[BaseModel]) -> None:
+        for key, field in section.model_fields.items():
+            where = f"{section.__name__}.{key}"
+            if where in seen:
+                continue
+            if field.is_required():
+                seen[where] = "required"
+            else:
+                default = field.get_default(call_default_factory=True)
+                seen[where] = default.model_dump(mode="json") if isinstance(default, BaseModel) else default
+            for inner in models_in(field.annotation):
+                walk(inner)
+
+    walk(model)
+    return seen
