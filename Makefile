@@ -57,6 +57,7 @@ check: env links ## ruff, mypy --strict, import-linter
 # Static checkers cannot follow the editable mapping of rooms to `roundel.*`: they follow these links.
 links:
 	@mkdir -p .links/roundel
+	@for file in __init__.py py.typed; do [ -L .links/roundel/$$file ] || ln -s ../../roundel/$$file .links/roundel/$$file || exit 1; done
 	@for room in $(ROOMS); do [ -L .links/roundel/$$room ] || ln -s ../../$$room .links/roundel/$$room || exit 1; done
 
 gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet

@@ -11,6 +11,9 @@ EXIT_CODES = """exit codes: 0 well, 1 worse (gate), 2 usage or study error, 3 no
 4 run-time failure or corrupt data, 130 interrupted"""
 
 
+_STUDY_HELP = "a YAML file, or the name of a shipped study (see `roundel studies`)"
+
+
 def _frames(text: str) -> range:
     start, colon, stop = text.partition(":")
     try:
@@ -102,11 +105,18 @@ def build_parser() -> argparse.ArgumentParser:
         one.add_argument("--threads", type=_count, metavar="N", help="threads a process (default: all cores)")
 
     check = verb("check", "read a study, print it resolved, its frames and its cost")
-    check.add_argument("study", nargs="?", metavar="STUDY")
+    check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY_HELP)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
 
+    studies = verb("studies", "list the shipped studies, or print one")
+    studies.add_argument("name", nargs="?", metavar="NAME", help="print this study instead of the list")
+
+    init = verb("init", "write a commented study to start from")
+    init.add_argument("file", metavar="FILE", help="where to write it; an existing file is never overwritten")
+    init.add_argument("--from", dest="source", metavar="NAME", help="start from this shipped study")
+
     render = verb("render", "render a study to a dataset; resumes by itself")
-    render.add_argument("study", metavar="STUDY")
+    render.add_argument("study", metavar="STUDY", help=_STUDY_HELP)
     render.add_argument("dataset", metavar="DATASET")
     render.add_argument("--frames", type=_frames, metavar="A:B", help="only these frames")
     rendering(render)
@@ -182,8 +192,8 @@ def build_parser() -> argparse.ArgumentParser:
     compare.add_argument("--out", required=True, metavar="FOLDER")
 
     run = verb("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
-    run.add_argument("study", metavar="STUDY")
-    run.add_argument("out", metavar="OUT")
+    run.add_argument("study", metavar="STUDY", help=_STUDY_HELP)
+    run.add_argument("out", metavar="OUT", help="folder to write to")
     rendering(run)
 
     calibrate = verb("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")

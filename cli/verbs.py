@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.cli.progress import progress
+from roundel.cli.study_verbs import find_study, init_study, list_studies
 from roundel.scenes.errors import DataError, UsageError
 
 
@@ -41,6 +42,7 @@ def _study(path: str) -> Any:
     from roundel.solver.knowledge_words import parse_knowledge
     from roundel.solver.methods import check_methods
 
+    path = str(find_study(path))
     study = load_study(path)
     try:
         check_methods(study.solve.methods)
@@ -71,6 +73,16 @@ def _room_for(study: Any, out: Path) -> None:
             f"roundel: warning: {folder} has {free / 1e9:.2g} GB free, this study may need {needed / 1e9:.2g} GB",
             file=sys.stderr,
         )
+
+
+def do_studies(arguments: argparse.Namespace) -> int:
+    """List the shipped studies, or print one."""
+    return list_studies(arguments)
+
+
+def do_init(arguments: argparse.Namespace) -> int:
+    """Write a commented study to start from."""
+    return init_study(arguments)
 
 
 def do_render(arguments: argparse.Namespace) -> int:

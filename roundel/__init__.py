@@ -1,0 +1,102 @@
+"""Roundel: ray-traced datasets of circular markers, pose from a single circle, and its validation.
+
+What is listed in `__all__` is the public interface. Each name is imported when it is first used, so that
+`import roundel` takes no time and loads neither OpenCV nor Mitsuba.
+
+Examples
+--------
+>>> import roundel
+>>> roundel.poses_from_conic.__module__
+'roundel.solver.circle_pose'
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from roundel.datasets.dataset import Dataset, open_dataset
+    from roundel.datasets.images import open_images
+    from roundel.render.run import render_study
+    from roundel.scenes.camera import Camera
+    from roundel.scenes.conic import conic_of_circle
+    from roundel.scenes.errors import DataError, NotComparableError, RoundelError, StudyError, UsageError
+    from roundel.scenes.study import Study, load_study
+    from roundel.solver.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse
+    from roundel.solver.estimates import Estimate
+    from roundel.solver.locate import locate
+    from roundel.solver.solve import solve_dataset
+    from roundel.validate.metrics import normal_error_deg
+    from roundel.validate.validate import validate_dataset
+
+    __version__: str
+
+__all__ = [
+    "Camera",
+    "CirclePoses",
+    "DataError",
+    "Dataset",
+    "Estimate",
+    "NotComparableError",
+    "RoundelError",
+    "Study",
+    "StudyError",
+    "UsageError",
+    "__version__",
+    "conic_of_circle",
+    "load_study",
+    "locate",
+    "normal_error_deg",
+    "open_dataset",
+    "open_images",
+    "poses_from_conic",
+    "poses_from_ellipse",
+    "render_study",
+    "solve_dataset",
+    "validate_dataset",
+]
+
+# Where each public name is defined; tests/test_front_door.py holds this, `__all__` and the imports above together.
+_MODULES = {
+    "Camera": "scenes.camera",
+    "CirclePoses": "solver.circle_pose",
+    "DataError": "scenes.errors",
+    "Dataset": "datasets.dataset",
+    "Estimate": "solver.estimates",
+    "NotComparableError": "scenes.errors",
+    "RoundelError": "scenes.errors",
+    "Study": "scenes.study",
+    "StudyError": "scenes.errors",
+    "UsageError": "scenes.errors",
+    "conic_of_circle": "scenes.conic",
+    "load_study": "scenes.study",
+    "locate": "solver.locate",
+    "normal_error_deg": "validate.metrics",
+    "open_dataset": "datasets.dataset",
+    "open_images": "datasets.images",
+    "poses_from_conic": "solver.circle_pose",
+    "poses_from_ellipse": "solver.circle_pose",
+    "render_study": "render.run",
+    "solve_dataset": "solver.solve",
+    "validate_dataset": "validate.validate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    value: Any
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("roundel")
+    elif name in _MODULES:
+        from importlib import import_module
+
+        value = getattr(import_module(f"roundel.{_MODULES[name]}"), name)
+    else:
+        raise AttributeError(f"module 'roundel' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
