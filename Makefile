@@ -52,13 +52,15 @@ check: env links ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports
+	cd .links && ../$(BIN)/lint-imports --no-logo --config ../pyproject.toml
 
-# Static checkers cannot follow the editable mapping of rooms to `roundel.*`: they follow these links.
+# Static checkers cannot follow the editable mapping of folders to `roundel.*`, and import-linter follows no links to
+# folders: .links/roundel has the folders, with a link for each file. Made anew each time, so that no old link is left.
 links:
-	@mkdir -p .links/roundel
-	@for file in __init__.py py.typed; do [ -L .links/roundel/$$file ] || ln -s ../../roundel/$$file .links/roundel/$$file || exit 1; done
-	@for room in $(ROOMS); do [ -L .links/roundel/$$room ] || ln -s ../../$$room .links/roundel/$$room || exit 1; done
+	@rm -rf .links
+	@for folder in $$(find $(ROOMS) -type d ! -name __pycache__) .; do mkdir -p ".links/roundel/$$folder"; done
+	@for file in $$(find $(ROOMS) -name '*.py' -o -name py.typed); do ln -s "$(CURDIR)/$$file" ".links/roundel/$$file"; done
+	@for file in __init__.py py.typed; do ln -s "$(CURDIR)/roundel/$$file" ".links/roundel/$$file"; done
 
 gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet
 	$(BIN)/roundel run configs/benchmark.yaml out/benchmark
