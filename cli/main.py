@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -245,13 +246,17 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     from roundel.cli.interrupt import was_interrupted, watch
 
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that knows ASCII alone gets an escape for a degree sign, not an error.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     watch()
     try:
         code = _run(arguments)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
-        return _interrupted()
+        return _interrupted(arguments.verb)
     except BrokenPipeError:
         _leave_stdout()
         return 0
@@ -261,7 +266,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if os.environ.get("ROUNDEL_DEBUG"):
             raise
         if was_interrupted():
-            return _interrupted()
+            return _interrupted(arguments.verb)
         if isinstance(error, RoundelError):
             print(f"roundel: {_one_line(error)}", file=sys.stderr)
             return error.exit_code
@@ -278,8 +283,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 4
 
 
-def _interrupted() -> int:
-    print("roundel: interrupted; what is finished is kept", file=sys.stderr)
+def _interrupted(verb: str) -> int:
+    kept = verb in ("render", "develop", "run")
+    print(
+        "roundel: interrupted; " + ("frames that are rendered are kept" if kept else "its results are not written"),
+        file=sys.stderr,
+    )
     return 130
 
 

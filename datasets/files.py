@@ -12,7 +12,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, UsageError
 
 MANIFEST = "manifest.json"
 STUDY = "study.yaml"
@@ -47,6 +47,18 @@ def write_failure(path: Path, error: OSError) -> DataError:
             f"{path}: the disk is full; free some space and run the same command again: what is finished is kept"
         )
     return DataError(f"{path}: cannot write: {error.strerror or error}")
+
+
+def check_no_dataset(out: Path) -> None:
+    """Refuse a folder for results that holds a dataset: its files have the same names as some of the results.
+
+    Raises
+    ------
+    UsageError
+        With one line.
+    """
+    if any((out / name).is_file() for name in (MANIFEST, JOURNAL, CAMERAS)):
+        raise UsageError(f"{out}: is a dataset; name another folder for the results")
 
 
 def _sync_folder(folder: Path) -> None:

@@ -182,6 +182,9 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[Gr
         drawn: GroupSection = validated(GroupSection, raw, study.path, study.marks, name)
     except StudyError as error:
         message = f"{error.reason} (frame {index} of group {name})"
+        if group.sweep is not None and error.reason.startswith(f"{group.sweep.key}:"):
+            # The value that is wrong stands nowhere in the file but in the sweep.
+            raise study.error(f"sweep: {message}", name, "sweep", "key") from error
         raise StudyError(message, error.path, error.line, error.column) from error
     return drawn, {".".join(str(part) for part in key): value for key, value in numbers.items()}
 

@@ -147,6 +147,20 @@ def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(kept)
 
 
+# What pydantic would say in terms of Python's types.
+_EXPECTED = {
+    "model_type": "a mapping of keys",
+    "dict_type": "a mapping of keys",
+    "list_type": "a list, as in [a, b]",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+}
+
+
 def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]:
     """One pydantic error as (message, place in the section)."""
     raw = error["loc"]
@@ -167,6 +181,13 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
         return f"{dotted}.kind: this key is missing; one of {', '.join(kinds)}", location
     text = str(context["error"]) if "error" in context else error["msg"][0].lower() + error["msg"][1:]
     given = error.get("input")
+    if error["type"] in _EXPECTED:
+        text = f"give {_EXPECTED[error['type']]}"
+        if error["type"] == "string_type" and isinstance(given, bool):
+            return (
+                f'{dotted}: YAML reads this word as a truth value; put it in quotes: "{str(given).lower()}"',
+                location,
+            )
     shown = f", not {given!r}" if "error" not in context and isinstance(given, str | int | float | bool | None) else ""
     return f"{dotted}: {text}{shown}" if dotted else text, location
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from roundel.datasets.files import write_file
+from roundel.datasets.files import check_no_dataset, write_file
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.assumed_camera import AssumedCamera
 from roundel.solver.choose import Knowledge, check_knowledge
@@ -69,10 +69,11 @@ def solve_photographs(
     Raises
     ------
     UsageError
-        If an argument is wrong, or the intrinsics need a camera that no photograph has.
+        If an argument is wrong, the folder is a dataset, or the intrinsics need a camera that no photograph has.
     DataError
         If the result cannot be written.
     """
+    check_no_dataset(Path(out_path))
     methods = list(dict.fromkeys(methods))
     check_methods(methods)
     for name in methods:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.files import write_file
+from roundel.datasets.files import check_no_dataset, write_file
 from roundel.datasets.images import Images, open_images
 from roundel.scenes.camera import Camera, distorts
 from roundel.scenes.errors import UsageError
@@ -92,10 +92,12 @@ def solve_dataset(
     Raises
     ------
     UsageError
-        If a method, an intrinsics label or a group is unknown, or no frame has a circular marker.
+        If a method, an intrinsics label or a group is unknown, no frame has a circular marker, or the folder for the
+        result is a dataset.
     DataError
         If a file is missing or corrupt, or the result cannot be written.
     """
+    check_no_dataset(Path(out_path))
     check_methods(methods)
     check_knowledge(knowledge)
     methods = list(dict.fromkeys(methods))

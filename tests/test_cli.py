@@ -182,7 +182,7 @@ def test_an_interrupted_render_ends_with_130_and_goes_on_later(tmp_path: Path) -
     os.kill(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 130
-    assert err.strip().splitlines()[-1] == "roundel: interrupted; what is finished is kept"
+    assert err.strip().splitlines()[-1] == "roundel: interrupted; frames that are rendered are kept"
     assert "Traceback" not in err
     assert subprocess.run(command, check=False, capture_output=True).returncode == 0
 

@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from roundel.datasets.files import sha256, write_file
+from roundel.datasets.files import check_no_dataset, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.figure_files import write_figures
 from roundel.validate.page import Tables, figures, fill, presentable
@@ -84,6 +84,7 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
     out, folders = Path(out_path), [Path(path) for path in paths]
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out}: is a file; name a folder for the comparison")
+    check_no_dataset(out)
     if out.resolve() in (folder.resolve() for folder in folders):
         raise UsageError(f"{out}: is one of the reports; name another folder for the comparison")
     if len({folder.resolve() for folder in folders}) < len(folders):

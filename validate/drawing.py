@@ -17,6 +17,7 @@ from roundel.datasets.files import sha256
 from roundel.validate.tables import clean
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Colours that stand for CSS variables: matplotlib wants a colour, and writes it as lower-case hex.
@@ -73,6 +74,15 @@ def name_of(*texts: str) -> str:
     plain = [re.sub(r"[^a-z0-9._-]+", "-", text.lower())[:40].strip("-.") for text in texts]
     name = "-".join(filter(None, plain))
     return name if plain == list(texts) else f"{name}-{sha256(chr(0).join(texts).encode('utf-8', 'replace'))[:8]}"
+
+
+def add_legend(owner: Figure | Axes, **style: Any) -> None:
+    """A legend of what is labelled in a figure or in axes; none where nothing is."""
+    from matplotlib.figure import Figure
+
+    panels = owner.get_axes() if isinstance(owner, Figure) else [owner]
+    if any(axes.get_legend_handles_labels()[1] for axes in panels):
+        owner.legend(**style)
 
 
 def draw_svg(

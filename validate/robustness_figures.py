@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.validate.drawing import CURVES, INK, Picture, colour, draw_svg, marker, name_of
+from roundel.validate.drawing import CURVES, INK, Picture, add_legend, colour, draw_svg, marker, name_of
 from roundel.validate.robustness import is_logarithmic
 from roundel.validate.summary import number
 
@@ -31,7 +31,7 @@ def sweep_pictures(sweeps: list[dict[str, Any]]) -> list[Picture]:
             draw_sweep(axes, sweep)
             axes.set_ylabel(unit_in_words(sweep))
             if len(sweep["curves"]) >= _SEVERAL:
-                figure.legend(loc="outside upper center", ncols=4)
+                add_legend(figure, loc="outside upper center", ncols=4)
 
         title = f"Normal error over {title_of(sweep)}"
         found.append(Picture(name, sweep_caption(sweep), draw_svg(name, title, (6.0, 3.2), draw)))

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.files import POINTS, sha256, write_file
+from roundel.datasets.files import POINTS, check_no_dataset, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
 from roundel.validate.calibration_figures import calibration_pictures
@@ -81,7 +81,7 @@ def validate_dataset(
     Raises
     ------
     UsageError
-        If a file does not exist, or `extent_D` is no positive number.
+        If a file does not exist, `extent_D` is no positive number, or `out_path` is a file or a dataset.
     DataError
         If the dataset or an estimate is corrupt.
     NotComparableError
@@ -92,6 +92,7 @@ def validate_dataset(
     out = Path(out_path)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out}: is a file; name a folder for the report")
+    check_no_dataset(out)
     dataset = open_dataset(dataset_path)
     files = [find_estimates(path) for path in estimates_paths]
     runs = read_runs(files, dataset)

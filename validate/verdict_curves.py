@@ -126,7 +126,11 @@ def panels_of(
                 axes.set_ylabel(label)
             for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(text, handle)
-        figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=_columns(handles, size[0]))
+        # With one frame a cell there are no intervals and no fits, and nothing to name.
+        if handles:
+            figure.legend(
+                handles.values(), handles.keys(), loc="outside upper center", ncols=_columns(handles, size[0])
+            )
 
     caption = f"{words} {BANDS}"
     return Picture(name, caption, draw_svg(name, title, size, draw))

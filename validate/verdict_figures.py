@@ -12,7 +12,7 @@ import pyarrow as pa
 from roundel.validate.claims_normal import SAME_DEG, added
 from roundel.validate.claims_position import predicted_D
 from roundel.validate.claims_reprojection import NEAR, ratios_over_distance
-from roundel.validate.drawing import Picture, colour, draw_svg, marker
+from roundel.validate.drawing import Picture, add_legend, colour, draw_svg, marker
 from roundel.validate.findings import trend_settings
 from roundel.validate.paper_frames import NORMAL, POSITION, REPROJECTION, Setting, settings_of, shown
 from roundel.validate.summary import number
@@ -112,8 +112,8 @@ def _position_calibrated(name: str, title: str, settings: Sequence[Setting]) -> 
             axes.set_xlabel(DISTANCE)
             axes.set_ylabel("position [D]")
         if len(settings) > 1:
-            strict.legend()
-        lenient.legend()
+            add_legend(strict)
+        add_legend(lenient)
 
     caption = (
         "The calibrated curve twice: alone on logarithmic axes, and on the paper's axis, which reaches up to the "
@@ -146,7 +146,7 @@ def _reprojection_calibrated(name: str, title: str, settings: Sequence[Setting])
         axes.set_ylabel("reprojection [px]")
         axes.set_ylim(bottom=0)
         if len(settings) > 1:
-            figure.legend(loc="outside upper center", ncols=len(settings))
+            add_legend(figure, loc="outside upper center", ncols=len(settings))
 
     words = "Reprojection error with the right focal length over distance"
     words += ", a curve a setting." if len(settings) > 1 else "."
@@ -213,7 +213,7 @@ def _normal_focal(name: str, title: str, settings: Sequence[Setting]) -> Picture
         axes.axhspan(-SAME_DEG, SAME_DEG, color=colour(6), alpha=0.25, lw=0)
         axes.set_xlabel("focal length used / true")
         axes.set_ylabel("added to normal error [deg]")
-        figure.legend(loc="outside upper center", ncols=2 if len(settings) > 1 else 1)
+        add_legend(figure, loc="outside upper center", ncols=2 if len(settings) > 1 else 1)
 
     words = (
         "What a wrong focal length adds to the mean error of the normal, paired by frame; the grey band is nothing. "
