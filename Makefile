@@ -40,7 +40,7 @@ test-slow: env ## only the tests marked slow
 	$(BIN)/python -m pytest -m slow $(PYTEST_FLAGS)
 
 # What decides whether a number is right; 95 % of its branches are asked for.
-SCORED = metrics symmetry intervals run_statistics comparisons paired scores sweeps bounds matching targets summary
+SCORED = metrics/pose_errors metrics/bop statistics/intervals scores/run_statistics scores/comparisons statistics/paired_tests scores/scores metrics/sweeps metrics/cramer_rao scores/assignment metrics/ground_truth scores/summary
 coverage: env ## branch coverage of the code that scores, by its own tests
 	$(BIN)/python -m coverage run --branch --data-file=.coverage \
 	    --include="$$(printf 'validate/%s.py,' $(SCORED))" -m pytest -m 'not slow' -q $(PYTEST_FLAGS) \

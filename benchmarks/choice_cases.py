@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from roundel.scenes.camera import Camera
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
-from roundel.solver.assumed_camera import AssumedCamera
-from roundel.solver.choose import NormalPrior, choose
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.edges import edge_points
-from roundel.solver.ellipse import FailedFit, ellipse_of_shape, fit_ellipse, shape_of_ellipse
-from roundel.solver.foot_points import foot_points
-from roundel.solver.marks import ConcentricCircle
-from roundel.solver.normal_prior import on_floor, on_wall
-from roundel.solver.pattern_mark import pattern_of
-from roundel.solver.sighting import Sighting
+from roundel.scenes.camera.model import Camera
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
+from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
+from roundel.solver.ambiguity.disambiguation import NormalPrior, choose
+from roundel.solver.ambiguity.normal_prior import on_floor, on_wall
+from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.pattern_cue import pattern_of
+from roundel.solver.fit.edges import edge_points
+from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, fit_ellipse, shape_of_ellipse
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 Array = NDArray[np.float64]
 

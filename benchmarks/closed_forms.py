@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_conic, poses_from_ellipse
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.pose.circle_pose import poses_from_conic, poses_from_ellipse
 
 Array = NDArray[np.float64]
 Poses = tuple[Array, Array]  # normals (n, 3) and centres (n, 3)

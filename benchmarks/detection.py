@@ -23,15 +23,15 @@ import yaml
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.files import MANIFEST, STUDY
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.frame import Frame, frames_of
-from roundel.scenes.lattice import CLUTTER_LEAST, CLUTTER_MORE, CLUTTER_PLACE, CLUTTER_SHAPE, pcg3d, unit
-from roundel.scenes.study import load_study
-from roundel.solver.detect import Detection, detect
-from roundel.solver.ellipse import FailedFit, direct_ellipse
-from roundel.solver.image_levels import grey_levels
-from roundel.validate.intervals import wilson_interval
+from roundel.datasets.layout.files import MANIFEST, STUDY
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.markers.value_noise import CLUTTER_LEAST, CLUTTER_MORE, CLUTTER_PLACE, CLUTTER_SHAPE, pcg3d, unit
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frames_of
+from roundel.solver.detect.detect import Detection, detect
+from roundel.solver.fit.ellipse import FailedFit, direct_ellipse
+from roundel.solver.fit.image_levels import grey_levels
+from roundel.validate.statistics.intervals import wilson_interval
 
 Array = NDArray[np.float64]
 

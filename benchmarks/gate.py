@@ -28,10 +28,10 @@ import pyarrow as pa
 from gate_bugs import verdicts, zero_samples
 from gate_copies import Source, copies, open_source
 
-from roundel.validate.baseline import Baseline
-from roundel.validate.gate import GateResult, gate
-from roundel.validate.gate_checks import QUANTITIES, floats
-from roundel.validate.intervals import wilson_interval
+from roundel.validate.gate.baseline import Baseline
+from roundel.validate.gate.checks import QUANTITIES, floats
+from roundel.validate.gate.gate import GateResult, gate
+from roundel.validate.statistics.intervals import wilson_interval
 
 STUDY = Path(__file__).parents[1] / "configs" / "benchmark.yaml"
 RISE = 1.05

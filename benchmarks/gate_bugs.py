@@ -20,11 +20,11 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from roundel.cli.main import main as roundel
-from roundel.solver import solve
-from roundel.solver.ellipse import EllipseFit, FailedFit
 from roundel.solver.estimates import ESTIMATES, Estimate
-from roundel.solver.fits import Seen
-from roundel.validate.baseline import Baseline, baseline_of_report, write_baseline
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit
+from roundel.solver.methods import solve
+from roundel.solver.methods.roundel_fits import Seen
+from roundel.validate.gate.baseline import Baseline, baseline_of_report, write_baseline
 
 Fit = EllipseFit | FailedFit
 

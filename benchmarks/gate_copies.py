@@ -16,21 +16,21 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets import files
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.images import Images
-from roundel.datasets.radiance import read_radiance
-from roundel.render.develop import develop
+from roundel.datasets.layout import files
+from roundel.datasets.layout.images import Images
+from roundel.datasets.layout.radiance import read_radiance
+from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import RoundelError
-from roundel.scenes.frame import Frame, frame_of
-from roundel.scenes.study import load_study
-from roundel.solver import solve
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frame_of
 from roundel.solver.estimates import ESTIMATES
-from roundel.validate.baseline import Baseline, baseline_of_scores, read_baseline, write_baseline
-from roundel.validate.metrics import METRIC_VERSION
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.targets import Targets, true_targets
+from roundel.solver.methods import solve
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.gate.baseline import Baseline, baseline_of_scores, read_baseline, write_baseline
+from roundel.validate.metrics.ground_truth import Targets, true_targets
+from roundel.validate.metrics.pose_errors import METRIC_VERSION
+from roundel.validate.scores.scores import score
 
 SCORES = "scores.parquet"
 EXTENT_D = 3.0

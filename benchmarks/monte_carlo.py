@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.pose import camera_from_marker_of, normal_of
-from roundel.solver.ellipse import ellipse_of_shape, fit_ellipse, shape_of_ellipse
-from roundel.solver.pose_covariance import poses_with_covariance
-from roundel.solver.pose_region import quantile, squared_distances
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import ellipse_of_shape, fit_ellipse, shape_of_ellipse
+from roundel.solver.pose.pose_covariance import poses_with_covariance
+from roundel.solver.pose.pose_region import quantile, squared_distances
 
 Array = NDArray[np.float64]
 

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from stopwatch import RayCounter
 
-from roundel.datasets import journal
+from roundel.datasets.layout import journal
 from roundel.render import radiance as radiance_module
 from roundel.render.backend import start
 from roundel.render.radiance import render_radiance
 from roundel.render.run import render_frame, render_frames
-from roundel.scenes.frame import Frame, frame_of, total_frames
-from roundel.scenes.study import load_study
-from roundel.scenes.truth import truth_of
+from roundel.scenes.study.study import load_study
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import Frame, frame_of, total_frames
 
 
 def clock(work: Callable[[], Any]) -> tuple[float, float]:

@@ -18,9 +18,9 @@ from closed_forms import ClosedForm, opencv_ellipse, ours, toward_camera
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import open_dataset
-from roundel.scenes.pose import angle_deg
-from roundel.solver.fits import METHODS, fit_detection, look_at
-from roundel.solver.image_levels import grey_levels
+from roundel.scenes.geometry.pose import angle_deg
+from roundel.solver.fit.image_levels import grey_levels
+from roundel.solver.methods.roundel_fits import METHODS, fit_detection, look_at
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from reference import Array, Measures, measure, scene_numbers
 
-from roundel.scenes.frame import Frame
+from roundel.scenes.world.frame import Frame
 
 HERE = Path(__file__).resolve().parent
 

@@ -27,7 +27,7 @@ import peer_ellipses
 from peer_ellipses import Error
 
 from roundel.datasets.dataset import open_dataset
-from roundel.solver.locate import locate
+from roundel.solver.methods.locate import locate
 
 HERE = Path(__file__).resolve().parent
 HOUSE = HERE.parent

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.frame import Frame, frame_of
-from roundel.scenes.study import load_study
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frame_of
 
 Array = NDArray[np.float64]
 

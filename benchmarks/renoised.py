@@ -21,18 +21,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets import files
-from roundel.datasets.radiance import read_radiance
-from roundel.render.develop import develop
+from roundel.datasets.layout import files
+from roundel.datasets.layout.radiance import read_radiance
 from roundel.render.run import render_study
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.frame import Frame, frame_of, group_ranges
-from roundel.scenes.information import pose_bound, pose_information_of_shape, shape_information_of_pixels
-from roundel.scenes.study import load_study
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.edges import edge_points
-from roundel.solver.ellipse import EllipseFit, FailedFit, direct_ellipse, fit_ellipse, shape_of_ellipse
-from roundel.solver.pixel_fit import fit_pixels
+from roundel.render.sensor.develop import develop
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.information import pose_bound, pose_information_of_shape, shape_information_of_pixels
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frame_of, group_ranges
+from roundel.solver.fit.edges import edge_points
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit, direct_ellipse, fit_ellipse, shape_of_ellipse
+from roundel.solver.fit.pixel_fit import fit_pixels
+from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 Array = NDArray[np.float64]
 

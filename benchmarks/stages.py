@@ -48,7 +48,7 @@ _WARM = 3
 
 def bare(frames: Iterator[Any]) -> Iterator[None]:
     """The least that must be done: one frame's EXR is compressed while the next is traced."""
-    from roundel.datasets.radiance import encode_radiance
+    from roundel.datasets.layout.radiance import encode_radiance
     from roundel.render.backend import start
     from roundel.render.radiance import render_radiance
 
@@ -70,12 +70,12 @@ def bare(frames: Iterator[Any]) -> Iterator[None]:
 
 def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[str, Any]:
     """Mean seconds of each stage over warm frames, and what the pipeline adds."""
-    from roundel.datasets import journal
+    from roundel.datasets.layout import journal
     from roundel.render import run as run_module
     from roundel.render.backend import start
-    from roundel.scenes.frame import frame_of, total_frames
-    from roundel.scenes.study import load_study
-    from roundel.scenes.truth import truth_of
+    from roundel.scenes.study.study import load_study
+    from roundel.scenes.truth.truth import truth_of
+    from roundel.scenes.world.frame import frame_of, total_frames
 
     study, watch = load_study(study_path), Stopwatch()
     total = total_frames(study)

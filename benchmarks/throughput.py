@@ -21,8 +21,8 @@ def run(name: str, frames: int | None) -> dict[str, Any]:
     from stopwatch import RayCounter
 
     from roundel.cli.main import main
-    from roundel.scenes.frame import total_frames
-    from roundel.scenes.study import load_study
+    from roundel.scenes.study.study import load_study
+    from roundel.scenes.world.frame import total_frames
 
     count = min(frames or 10**9, total_frames(load_study(STUDIES[name])))
     rays = RayCounter()

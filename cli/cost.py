@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
-from roundel.scenes.sampling import cells_of
-from roundel.scenes.study import Study
+from roundel.scenes.study.sampling import cells_of
+from roundel.scenes.study.study import Study
+from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges
 
 # Two cores: rays in closed form, rays through Mitsuba's integrators, encoding and measuring of a frame (benchmarks/).
 _PLAIN_RAYS_A_SECOND = 17e6
@@ -36,7 +36,7 @@ def disk_bytes(study: Study) -> float:
 
 def _rays(frame: Frame) -> float:
     """Rays of a frame, about."""
-    from roundel.render.bands import sample_map
+    from roundel.render.rays.sample_allocation import sample_map
 
     plan, render = sample_map(frame), frame.settings.render
     band = int(plan.edge.sum()) * (_RAYS_A_BAND_PIXEL if render.target_error else render.band_samples)
@@ -45,7 +45,7 @@ def _rays(frame: Frame) -> float:
 
 def cost_of(study: Study) -> list[str]:
     """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
-    from roundel.render.transport import is_plain
+    from roundel.render.scene.transport import is_plain
 
     lines = []
     seconds = 0.0

@@ -65,7 +65,7 @@ def _render_one() -> tuple[str, str | None]:
 
 def _methods_of_others() -> list[str]:
     """A line for each method that an installed package adds; none is imported."""
-    from roundel.solver.methods import installed_methods
+    from roundel.solver.methods.registry import installed_methods
 
     return [f"method {m.name} of {m.source}: {m.about}" for m in installed_methods() if m.source != "roundel"]
 

@@ -11,10 +11,10 @@ from roundel.scenes.errors import DataError, NotComparableError
 
 def compare(arguments: argparse.Namespace) -> int:
     """Compare a report with a baseline; 1 when it is worse."""
-    from roundel.datasets.files import write_file
-    from roundel.validate.baseline import baseline_of_report, read_baseline
-    from roundel.validate.gate import gate
-    from roundel.validate.gate_report import junit_xml, lines, markdown, refused_markdown, refused_xml
+    from roundel.datasets.layout.files import write_file
+    from roundel.validate.gate.baseline import baseline_of_report, read_baseline
+    from roundel.validate.gate.gate import gate
+    from roundel.validate.gate.output import junit_xml, lines, markdown, refused_markdown, refused_xml
 
     def tell(junit: bytes, summary: str) -> None:
         if arguments.junit:
@@ -36,7 +36,7 @@ def compare(arguments: argparse.Namespace) -> int:
 
 def accept_baseline(arguments: argparse.Namespace) -> int:
     """Make the scores of a report the baseline."""
-    from roundel.validate.baseline import accept
+    from roundel.validate.gate.baseline import accept
 
     accepted = accept(arguments.report, arguments.baseline, arguments.reason)
     print(f"{arguments.baseline}: {accepted.rows.num_rows} scores accepted; commit the file")

@@ -70,7 +70,7 @@ class _ListMethods(argparse.Action):
     """Prints the methods and ends, as --help does: before the other arguments are asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
-        from roundel.solver.methods import method_lines
+        from roundel.solver.methods.registry import method_lines
 
         _say("\n".join(method_lines()))
         parser.exit()
@@ -80,7 +80,7 @@ class _EstimatesSchema(argparse.Action):
     """Prints the columns of a file of estimates and ends, as --help does."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
-        from roundel.validate.columns import columns_markdown
+        from roundel.validate.estimates.schema import columns_markdown
 
         _say(columns_markdown())
         parser.exit()

@@ -34,9 +34,9 @@ def are_photographs(inputs: list[str]) -> bool:
 
 def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
     """Estimate poses from photographs; 4 if one of them could not be solved."""
-    from roundel.solver.fits import DEFAULT_METHOD
-    from roundel.solver.photo_report import line_of
-    from roundel.solver.photographs import solve_photographs
+    from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
+    from roundel.solver.photos.photo_report import line_of
+    from roundel.solver.photos.photographs import solve_photographs
 
     out = Path(arguments.out)
     if out.exists() and not out.is_dir():
@@ -75,8 +75,8 @@ def _some(count: int, what: str) -> str:
 
 def print_marker(arguments: argparse.Namespace) -> int:
     """Write a marker to scale."""
-    from roundel.render import paper
-    from roundel.render.print_kinds import marker_to_print, parse_set
+    from roundel.render.printing import print_page as paper
+    from roundel.render.printing.marker_layouts import marker_to_print, parse_set
 
     section = marker_to_print(arguments.kind, arguments.diameter_m, parse_set(arguments.set or []))
     page = paper.print_marker(section, arguments.out, arguments.paper)

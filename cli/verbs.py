@@ -17,7 +17,7 @@ from roundel.scenes.errors import DataError, UsageError
 def do_check(arguments: argparse.Namespace) -> int:
     """Read a study, place every frame, print it resolved."""
     if arguments.schema:
-        from roundel.scenes.schema import json_schema
+        from roundel.scenes.study.schema import json_schema
 
         print(json.dumps(json_schema(), indent=2))
         return 0
@@ -37,10 +37,10 @@ def do_check(arguments: argparse.Namespace) -> int:
 
 def _study(path: str) -> Any:
     """A study whose methods and intrinsics are known, too: better now than after an hour of rendering."""
-    from roundel.scenes.study import load_study
-    from roundel.solver.intrinsics import parse_intrinsics
-    from roundel.solver.knowledge_words import parse_knowledge
-    from roundel.solver.methods import check_methods
+    from roundel.scenes.study.study import load_study
+    from roundel.solver.ambiguity.parse_prior import parse_knowledge
+    from roundel.solver.intrinsics.specification import parse_intrinsics
+    from roundel.solver.methods.registry import check_methods
 
     path = str(find_study(path))
     study = load_study(path)
@@ -58,7 +58,7 @@ def _study(path: str) -> Any:
 
 def _is_of_study(label: str) -> bool:
     """Whether intrinsics are calibrated from the study's own chessboards, and no camera file yet."""
-    from roundel.scenes.schema import calibration_views
+    from roundel.scenes.study.schema import calibration_views
 
     return label == "calibrated" or calibration_views(label) is not None
 
@@ -118,8 +118,8 @@ def do_develop(arguments: argparse.Namespace) -> int:
 
 def _warn_of_flags(dataset: Any) -> None:
     """One line on stderr if frames of a dataset, or of one half finished (its path), are flagged."""
-    from roundel.datasets import journal
     from roundel.datasets.flags import flags_of_rows, warning_of
+    from roundel.datasets.layout import journal
 
     if isinstance(dataset, Path):
         entries = journal.read(dataset)
@@ -131,7 +131,7 @@ def _warn_of_flags(dataset: Any) -> None:
 
 
 def _print_fidelity(manifest: dict[str, Any]) -> None:
-    from roundel.datasets.fidelity_summary import fidelity_lines
+    from roundel.datasets.fidelity.summary import fidelity_lines
 
     print("\n".join(fidelity_lines(manifest.get("fidelity"))))
 
@@ -145,9 +145,9 @@ def do_solve(arguments: argparse.Namespace) -> int:
     if arguments.diameter_m is not None or arguments.linear:
         option = "--linear" if arguments.linear else "--diameter-m"
         raise UsageError(f"{option}: a dataset knows its markers and its sensor; leave it out")
-    from roundel.datasets.images import open_images
-    from roundel.datasets.manifest import read_manifest
-    from roundel.solver.solve import solve_dataset
+    from roundel.datasets.layout.images import open_images
+    from roundel.datasets.layout.manifest import read_manifest
+    from roundel.solver.methods.solve import solve_dataset
 
     dataset = Path(arguments.inputs[0])
     # Opened first: a folder that is no dataset has a clearer sentence to say than its missing study.
@@ -181,7 +181,7 @@ def _warn(line: str) -> None:
 
 
 def _knowledge(text: str | None) -> Any:
-    from roundel.solver.knowledge_words import parse_knowledge
+    from roundel.solver.ambiguity.parse_prior import parse_knowledge
 
     return None if text is None else parse_knowledge(text)
 
@@ -193,7 +193,7 @@ def _counted(counts: Any) -> str:
 def do_validate(arguments: argparse.Namespace) -> int:
     """Score estimates."""
     from roundel.datasets.dataset import open_dataset
-    from roundel.validate.summary import terminal_table
+    from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
     asked = open_dataset(arguments.dataset).study.get("validate", {})
@@ -211,9 +211,9 @@ def do_validate(arguments: argparse.Namespace) -> int:
 def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
     from roundel.render.run import render_study
-    from roundel.solver.solve import solve_dataset
-    from roundel.validate.calibrations import calibrate_study
-    from roundel.validate.summary import terminal_table
+    from roundel.solver.methods.solve import solve_dataset
+    from roundel.validate.calibration.study_calibrations import calibrate_study
+    from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
     study, out = _study(arguments.study), Path(arguments.out)
@@ -266,7 +266,7 @@ def _has_circles(dataset: Any, groups: list[str] | None) -> bool:
 
 def do_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate from chessboards."""
-    from roundel.validate.camera_errors import calibrate_dataset
+    from roundel.validate.calibration.camera_errors import calibrate_dataset
 
     result = calibrate_dataset(
         Path(arguments.dataset), Path(arguments.camera), group=arguments.group, count=arguments.views
@@ -277,7 +277,7 @@ def do_calibrate(arguments: argparse.Namespace) -> int:
 
 
 def _calibration_line(record: dict[str, Any]) -> str:
-    from roundel.validate.camera_errors import calibration_lines
+    from roundel.validate.calibration.camera_errors import calibration_lines
 
     return "\n".join(calibration_lines(record))
 
@@ -312,7 +312,7 @@ def do_marker(arguments: argparse.Namespace) -> int:
 
 def do_verify(arguments: argparse.Namespace) -> int:
     """Compare a dataset with its manifest."""
-    from roundel.datasets.manifest import read_manifest
+    from roundel.datasets.layout.manifest import read_manifest
     from roundel.datasets.verify import verify_dataset
 
     path = Path(arguments.dataset)

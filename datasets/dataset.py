@@ -9,11 +9,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from roundel.datasets import files
-from roundel.datasets.images import Images, open_images
-from roundel.datasets.manifest import read_manifest
+from roundel.datasets.layout import files
+from roundel.datasets.layout.images import Images, open_images
+from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.verify import Finding, verify_dataset
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import DataError
 
 

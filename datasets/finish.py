@@ -11,18 +11,18 @@ from typing import Any
 import pyarrow as pa
 import yaml
 
-from roundel.datasets import files, journal
-from roundel.datasets.fidelity_summary import summarise
+from roundel.datasets.fidelity.summary import summarise
 from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
-from roundel.datasets.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
-from roundel.scenes.camera import camera_to_json
-from roundel.scenes.edge_points import edge_points_of
-from roundel.scenes.frame import Frame, frames_of, total_frames
-from roundel.scenes.identity import SAMPLING_VERSION
-from roundel.scenes.row_poses import row_poses_of
-from roundel.scenes.study import Study
-from roundel.scenes.truth import truth_of
+from roundel.scenes.camera.model import camera_to_json
+from roundel.scenes.study.identity import SAMPLING_VERSION
+from roundel.scenes.study.study import Study
+from roundel.scenes.truth.edge_points import edge_points_of
+from roundel.scenes.truth.row_poses import row_poses_of
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import Frame, frames_of, total_frames
 
 _PACKAGES = (
     "roundel",

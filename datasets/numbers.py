@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from roundel.datasets import files, journal
-from roundel.datasets.manifest import read_manifest
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.manifest import read_manifest
 from roundel.scenes.errors import DataError, RoundelError
-from roundel.scenes.frame import Frame, frame_of, total_frames
-from roundel.scenes.identity import SAMPLING_VERSION, frame_digest
-from roundel.scenes.study import load_study
+from roundel.scenes.study.identity import SAMPLING_VERSION, frame_digest
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frame_of, total_frames
 
 # Datasets of 0.1.0 and before have journal lines without it.
 KEY = "numbers_sha256"

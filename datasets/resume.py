@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from roundel.datasets import files, journal
 from roundel.datasets.finish import study_bytes
+from roundel.datasets.layout import files, journal
 from roundel.scenes.errors import DataError, RoundelError, UsageError
-from roundel.scenes.study import Study, load_study
+from roundel.scenes.study.study import Study, load_study
 
 
 def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:

@@ -6,11 +6,11 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from roundel.datasets import files, journal
-from roundel.datasets.images import read_image
-from roundel.datasets.manifest import read_manifest
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.images import read_image
+from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.radiance import read_radiance
 from roundel.datasets.numbers import other_numbers
-from roundel.datasets.radiance import read_radiance
 from roundel.scenes.errors import DataError
 
 

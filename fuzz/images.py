@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from roundel.scenes.camera import Camera
-from roundel.solver.locate import locate
+from roundel.scenes.camera.model import Camera
+from roundel.solver.methods.locate import locate
 
 DTYPES = ("uint8", "uint16", "int8", "int16", "int32", "uint32", "int64", "float16", "float32", "float64", "bool")
 _SLOW_S = 30.0

@@ -116,7 +116,8 @@ class Target:
 
     def __init__(self) -> None:
         from roundel.scenes.errors import DataError
-        from roundel.solver import exif, photo_file
+        from roundel.solver.intrinsics import exif
+        from roundel.solver.photos import photo_file
 
         self.DataError, self.exif, self.photo_file = DataError, exif, photo_file
         # Files that ask for a hundred megapixels are `tests`' business: here they would only take the time.

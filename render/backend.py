@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.scenes.errors import RoundelError
-from roundel.scenes.frame import Frame
+from roundel.scenes.world.frame import Frame
 
 DEFAULT_VARIANT = "llvm_ad_mono"
 OLDEST_LLVM = 16
@@ -128,7 +128,7 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
         except (ImportError, RuntimeError) as error:
             raise BackendError(f"Mitsuba cannot start {variant}: {str(error).splitlines()[0]}; {_REMEDY}") from error
     if variant not in _with_ink:
-        from roundel.render.ink import register_ink
+        from roundel.render.scene.ink import register_ink
 
         register_ink(mi)
         _with_ink.add(variant)
@@ -141,7 +141,7 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
 
 def variant_of(frame: Frame, variant: str = DEFAULT_VARIANT) -> str:
     """The variant a frame needs: `variant`, with colours where a mosaic or a sky asks for them."""
-    from roundel.render.lights import needs_colour
+    from roundel.render.scene.lights import needs_colour
 
     return variant.replace("_mono", "_rgb") if needs_colour(frame) else variant
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from roundel.datasets import files, journal
 from roundel.datasets.flags import frame_flags
-from roundel.datasets.radiance import Planes
-from roundel.render.develop import Developed
-from roundel.render.encode import jpeg_bytes, png_bytes
-from roundel.scenes.frame import Frame
-from roundel.scenes.identity import frame_digest
-from roundel.scenes.truth import truth_of
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.radiance import Planes
+from roundel.render.sensor.develop import Developed
+from roundel.render.sensor.encode import jpeg_bytes, png_bytes
+from roundel.scenes.study.identity import frame_digest
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import Frame
 
 
 def image_file(frame: Frame, developed: Developed) -> dict[str, bytes]:

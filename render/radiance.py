@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.radiance import REPLICATES
-from roundel.render.bands import sample_map
-from roundel.render.rays import Optics, colour_index, optics_of, shoot
-from roundel.render.samples import counts_of
-from roundel.render.scene import build_scene, trace_built
-from roundel.render.transport import is_plain, plain_scene, trace
-from roundel.scenes.frame import Frame
-from roundel.scenes.marker import Part
-from roundel.scenes.sensor_section import filters_of
+from roundel.datasets.layout.radiance import REPLICATES
+from roundel.render.rays.rays import Optics, colour_index, optics_of, shoot
+from roundel.render.rays.sample_allocation import sample_map
+from roundel.render.rays.samples import counts_of
+from roundel.render.scene.scene import build_scene, trace_built
+from roundel.render.scene.transport import is_plain, plain_scene, trace
+from roundel.scenes.markers.marker import Part
+from roundel.scenes.study.sensor_section import filters_of
+from roundel.scenes.world.frame import Frame
 
 # Rays in flight at once: some 50 MB a million.
 _CHUNK = 4_000_000

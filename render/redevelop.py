@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from roundel.datasets import files, journal
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.finish import finish_dataset
-from roundel.datasets.images import open_images
-from roundel.datasets.manifest import read_manifest
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.images import open_images
+from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.radiance import Planes, encode_radiance, read_radiance, rounded
 from roundel.datasets.numbers import check_numbers
-from roundel.datasets.radiance import Planes, encode_radiance, read_radiance, rounded
 from roundel.datasets.resume import prepare, record, reopen
-from roundel.render.develop import develop
 from roundel.render.frame_files import entry_of, image_file, write_frame
+from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
-from roundel.scenes.frame import Frame, frame_of, group_ranges
-from roundel.scenes.sensor_file import study_with_sensor
-from roundel.scenes.study import Study, load_study
+from roundel.scenes.study.sensor_file import study_with_sensor
+from roundel.scenes.study.study import Study, load_study
+from roundel.scenes.world.frame import Frame, frame_of, group_ranges
 
 
 def _source_study(dataset: Path, manifest: dict[str, Any]) -> Study:

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from roundel.datasets import files, journal
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.fidelity import measure_circle
+from roundel.datasets.fidelity.measure import measure_circle
 from roundel.datasets.finish import finish_dataset
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.radiance import encode_radiance
 from roundel.datasets.numbers import check_resumable
-from roundel.datasets.radiance import encode_radiance
 from roundel.datasets.resume import prepare, record, reopen
 from roundel.render.backend import DEFAULT_VARIANT, environment, start, variant_of
-from roundel.render.develop import develop
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
+from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
-from roundel.scenes.frame import Frame, frame_of, frames_of, group_ranges
-from roundel.scenes.identity import frame_digest
-from roundel.scenes.study import Study, load_study
+from roundel.scenes.study.identity import frame_digest
+from roundel.scenes.study.study import Study, load_study
+from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges
 
 if TYPE_CHECKING:
     from roundel.render.radiance import Radiance

@@ -7,7 +7,7 @@ Examples
 --------
 >>> import roundel
 >>> roundel.poses_from_conic.__module__
-'roundel.solver.circle_pose'
+'roundel.solver.pose.circle_pose'
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from roundel.datasets.dataset import Dataset, open_dataset
-    from roundel.datasets.images import open_images
+    from roundel.datasets.layout.images import open_images
     from roundel.render.run import render_study
-    from roundel.scenes.camera import Camera
-    from roundel.scenes.conic import conic_of_circle
+    from roundel.scenes.camera.model import Camera
     from roundel.scenes.errors import DataError, NotComparableError, RoundelError, StudyError, UsageError
-    from roundel.scenes.study import Study, load_study
-    from roundel.solver.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse
+    from roundel.scenes.geometry.conic import conic_of_circle
+    from roundel.scenes.study.study import Study, load_study
     from roundel.solver.estimates import Estimate
-    from roundel.solver.locate import locate
-    from roundel.solver.solve import solve_dataset
-    from roundel.validate.metrics import normal_error_deg
+    from roundel.solver.methods.locate import locate
+    from roundel.solver.methods.solve import solve_dataset
+    from roundel.solver.pose.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse
+    from roundel.validate.metrics.pose_errors import normal_error_deg
     from roundel.validate.validate import validate_dataset
 
     __version__: str
@@ -58,26 +58,26 @@ __all__ = [
 
 # Where each public name is defined; tests/test_front_door.py holds this, `__all__` and the imports above together.
 _MODULES = {
-    "Camera": "scenes.camera",
-    "CirclePoses": "solver.circle_pose",
+    "Camera": "scenes.camera.model",
+    "CirclePoses": "solver.pose.circle_pose",
     "DataError": "scenes.errors",
     "Dataset": "datasets.dataset",
     "Estimate": "solver.estimates",
     "NotComparableError": "scenes.errors",
     "RoundelError": "scenes.errors",
-    "Study": "scenes.study",
+    "Study": "scenes.study.study",
     "StudyError": "scenes.errors",
     "UsageError": "scenes.errors",
-    "conic_of_circle": "scenes.conic",
-    "load_study": "scenes.study",
-    "locate": "solver.locate",
-    "normal_error_deg": "validate.metrics",
+    "conic_of_circle": "scenes.geometry.conic",
+    "load_study": "scenes.study.study",
+    "locate": "solver.methods.locate",
+    "normal_error_deg": "validate.metrics.pose_errors",
     "open_dataset": "datasets.dataset",
-    "open_images": "datasets.images",
-    "poses_from_conic": "solver.circle_pose",
-    "poses_from_ellipse": "solver.circle_pose",
+    "open_images": "datasets.layout.images",
+    "poses_from_conic": "solver.pose.circle_pose",
+    "poses_from_ellipse": "solver.pose.circle_pose",
     "render_study": "render.run",
-    "solve_dataset": "solver.solve",
+    "solve_dataset": "solver.methods.solve",
     "validate_dataset": "validate.validate",
 }
 

@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from roundel.datasets.files import write_file
-from roundel.scenes.camera import Camera
+from roundel.datasets.layout.files import write_file
+from roundel.scenes.camera.model import Camera
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, gaussian_filter
 
-from roundel.scenes.camera import Camera, normalise, project, undistort_px
-from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
-from roundel.validate.board import BoardLayout, board_points_m
+from roundel.scenes.camera.model import Camera, normalise, project, undistort_px
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.validate.calibration.chessboard import BoardLayout, board_points_m
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from roundel.scenes.frame import frame_of, group_ranges
-from roundel.scenes.identity import SAMPLING_VERSION, frame_numbers
-from roundel.scenes.schema import GroupSection
-from roundel.scenes.study import load_study
+from roundel.scenes.study.identity import SAMPLING_VERSION, frame_numbers
+from roundel.scenes.study.schema import GroupSection
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of, group_ranges
 
 HOUSE = Path(__file__).resolve().parents[1]
 GOLDEN = HOUSE / "tests" / "golden"

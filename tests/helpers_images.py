@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
-from roundel.scenes.camera import Camera, undistort_px
+from roundel.scenes.camera.model import Camera, undistort_px
 
 Array = NDArray[np.float64]
 

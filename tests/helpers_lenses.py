@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera.model import Camera
 
 K = np.array([[913.0, 0.7, 641.2], [0.0, 905.0, 355.7], [0.0, 0.0, 1.0]])
 K_WIDE = np.array([[400.0, 1.5, 640.2], [0.0, 405.0, 355.7], [0.0, 0.0, 1.0]])

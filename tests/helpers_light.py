@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from roundel.render.scene import build_scene, trace_built
-from roundel.scenes.frame import Frame
-from roundel.scenes.pose import transform_points
+from roundel.render.scene.scene import build_scene, trace_built
+from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.world.frame import Frame
 
 
 def radiance_at(mi: Any, frame: Frame, points_sheet: Any, samples: int = 64, seed: int = 0) -> np.ndarray:

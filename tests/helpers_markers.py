@@ -4,9 +4,9 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from roundel.scenes.marker import Sheet
-from roundel.scenes.marker_section import Marker
-from roundel.scenes.prints import sheet_of
+from roundel.scenes.markers.marker import Sheet
+from roundel.scenes.study.marker_section import Marker
+from roundel.scenes.world.sheets import sheet_of
 
 MARKERS: dict[str, dict[str, Any]] = {
     "disc": {"diameter_m": 0.08},

@@ -14,15 +14,15 @@ from helpers_boards import corner_rays, subpixel_rays
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
-from roundel.datasets import files
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.finish import finish_dataset, study_bytes
-from roundel.scenes.camera import Camera
-from roundel.scenes.conic import conic_of_ellipse
-from roundel.scenes.frame import Frame, frames_of
-from roundel.scenes.ink_pattern import reflectance_at
-from roundel.scenes.study import load_study
-from roundel.solver.circle_pose import poses_from_conic
+from roundel.datasets.layout import files
+from roundel.scenes.camera.model import Camera
+from roundel.scenes.geometry.conic import conic_of_ellipse
+from roundel.scenes.markers.ink_pattern import reflectance_at
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frames_of
+from roundel.solver.pose.circle_pose import poses_from_conic
 
 POINTS = """\
 schema: 1

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from roundel.scenes.study import Study, load_study
+from roundel.scenes.study.study import Study, load_study
 
 SMALL = """\
 schema: 1

@@ -1,4 +1,4 @@
-"""Writes scenes/tag_bits.json: the bit patterns of four tag families, as OpenCV's predefined dictionaries draw them.
+"""Writes scenes/markers/tag_bits.json: the bit patterns of four tag families, as OpenCV's predefined dictionaries draw them.
 
     python tests/make_tag_bits.py
 
@@ -18,7 +18,7 @@ FAMILIES = {
     "aruco_6x6_250": ("DICT_6X6_250", 250),
     "apriltag_36h11": ("DICT_APRILTAG_36h11", 587),
 }
-OUT = Path(__file__).resolve().parents[1] / "scenes" / "tag_bits.json"
+OUT = Path(__file__).resolve().parents[1] / "scenes" / "markers" / "tag_bits.json"
 
 
 def drawn_bits(name: str, tag_id: int) -> np.ndarray:

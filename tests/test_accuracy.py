@@ -8,10 +8,10 @@ import pytest
 
 from roundel.datasets.dataset import open_dataset
 from roundel.render.run import render_study
-from roundel.scenes.study import load_study
-from roundel.solver.locate import locate
-from roundel.solver.solve import solve_dataset
-from roundel.validate.camera_errors import calibrate_dataset
+from roundel.scenes.study.study import load_study
+from roundel.solver.methods.locate import locate
+from roundel.solver.methods.solve import solve_dataset
+from roundel.validate.calibration.camera_errors import calibrate_dataset
 from roundel.validate.validate import validate_dataset
 
 CONFIGS = Path(__file__).parent.parent / "configs"

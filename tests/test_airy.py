@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0, j1
 
-from roundel.scenes.airy import REACH, effective_radius_m, encircled_energy, radius_table, spread_px
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera.airy import REACH, effective_radius_m, encircled_energy, radius_table, spread_px
+from roundel.scenes.camera.model import Camera
 
 CAMERA = Camera(640, 480, np.diag([1000.0, 1000.0, 1.0]), aperture_radius_m=1e-3, focus_distance_m=1.0)
 

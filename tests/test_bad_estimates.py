@@ -18,9 +18,9 @@ from roundel.cli.main import main
 from roundel.scenes.errors import RoundelError
 from roundel.solver.estimates import METADATA, Estimate
 from roundel.solver.estimates import write_estimates as write_records
-from roundel.validate.baseline import read_baseline
-from roundel.validate.estimates_file import read_estimates
-from roundel.validate.records import read_runs
+from roundel.validate.estimates.reader import read_estimates
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.gate.baseline import read_baseline
 
 SMALL = POINTS.replace("frames_per_cell: 4", "frames_per_cell: 1")
 POSE = "frame_id,normal_x,normal_y,normal_z,centre_x_m,centre_y_m,centre_z_m"

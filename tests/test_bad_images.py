@@ -15,10 +15,10 @@ import pytest
 from helpers_images import picture
 from scipy.ndimage import gaussian_filter
 
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
-from roundel.solver.image_levels import grey_levels
-from roundel.solver.locate import locate
+from roundel.solver.fit.image_levels import grey_levels
+from roundel.solver.methods.locate import locate
 
 ELLIPSE = np.array([80.3, 60.2, 30.0, 22.0, 20.0])
 IMAGE = picture([(ELLIPSE, 30.0)], 160, 120, subpixels=16)

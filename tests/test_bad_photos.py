@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from roundel.scenes.errors import DataError
-from roundel.solver.exif import ExifTags, focal_of_exif, read_exif
-from roundel.solver.fits import look_at
-from roundel.solver.photo_file import read_photo
+from roundel.solver.intrinsics.exif import ExifTags, focal_of_exif, read_exif
+from roundel.solver.methods.roundel_fits import look_at
+from roundel.solver.photos.photo_file import read_photo
 
 
 def test_real_numbers_beyond_all_light(tmp_path):

@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 from helpers_boards import board_image, board_views, true_corners
 
-from roundel.datasets.images import Images
-from roundel.scenes.camera import Camera, camera_from_json, camera_to_json
+from roundel.datasets.layout.images import Images
+from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.validate.board import BoardLayout, board_points_m, board_pose, detect_corners, grey, layout_of
-from roundel.validate.calibration import calibrate, calibration_to_json, read_camera
-from roundel.validate.camera_errors import calibration_errors, corner_offsets_px, projection_difference
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.validate.calibration.camera_errors import calibration_errors, corner_offsets_px, projection_difference
+from roundel.validate.calibration.chessboard import (
+    BoardLayout,
+    board_points_m,
+    board_pose,
+    detect_corners,
+    grey,
+    layout_of,
+)
+from roundel.validate.calibration.opencv import calibrate, calibration_to_json, read_camera
 
 LAYOUT = BoardLayout(9, 6, 0.025)
 CAMERA = Camera(640, 480, np.array([[600.0, 0, 317.3], [0, 600.0, 242.2], [0, 0, 1.0]]), (-0.1, 0.03, 0.0005, -0.0007))

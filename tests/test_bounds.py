@@ -14,15 +14,15 @@ from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.scenes.conic import ellipse_perimeter_px
 from roundel.scenes.errors import DataError
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.step_response import PIXEL_VARIANCE
-from roundel.validate.bounds import bounds_of
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.summary import summarise
-from roundel.validate.targets import columns_of, true_targets
+from roundel.scenes.geometry.conic import ellipse_perimeter_px
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.cramer_rao import bounds_of
+from roundel.validate.metrics.ground_truth import columns_of, true_targets
+from roundel.validate.scores.scores import score
+from roundel.validate.scores.summary import summarise
 
 
 @pytest.fixture(scope="module")

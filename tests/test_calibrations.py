@@ -13,12 +13,17 @@ from helpers_reports import BOARDS, make_dataset
 from roundel.cli.main import main
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import StudyError, UsageError
-from roundel.scenes.schema import SolveSection, calibration_views
-from roundel.scenes.study import load_study
-from roundel.solver.intrinsics import parse_intrinsics
-from roundel.validate.calibration import BoardView, first_views, look_for_boards, read_camera
-from roundel.validate.calibration_figures import calibration_pictures
-from roundel.validate.calibrations import Calibrations, calibrate_study, several_calibrations, spread_in_words
+from roundel.scenes.study.schema import SolveSection, calibration_views
+from roundel.scenes.study.study import load_study
+from roundel.solver.intrinsics.specification import parse_intrinsics
+from roundel.validate.calibration.opencv import BoardView, first_views, look_for_boards, read_camera
+from roundel.validate.calibration.study_calibrations import (
+    Calibrations,
+    calibrate_study,
+    several_calibrations,
+    spread_in_words,
+)
+from roundel.validate.figures.calibration import calibration_pictures
 
 VIEWS = 8
 TEXT = BOARDS.replace("frames: 5", f"frames: {VIEWS}").replace("frames: 4", "frames: 1")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.camera import (
+from roundel.scenes.camera.model import (
     Camera,
     camera_from_json,
     camera_to_json,

@@ -9,21 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from roundel.scenes.camera import Camera
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
-from roundel.solver.assumed_camera import AssumedCamera
-from roundel.solver.choose import GreatCirclePrior, NormalPrior, check_knowledge, choose
-from roundel.solver.circle_pose import poses_from_conic, poses_from_ellipse
-from roundel.solver.ellipse import ellipse_of_shape, shape_of_ellipse
-from roundel.solver.knowledge_words import mark_of, parse_knowledge
-from roundel.solver.marks import ConcentricCircle
-from roundel.solver.normal_prior import on_ceiling, on_floor, on_wall, previous_normal
-from roundel.solver.pattern_mark import Pattern
-from roundel.solver.side_rule import SideRule, _order
-from roundel.solver.sighting import Sighting
-from roundel.solver.viewing_cone import viewing_cone
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
+from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
+from roundel.solver.ambiguity.disambiguation import GreatCirclePrior, NormalPrior, check_knowledge, choose
+from roundel.solver.ambiguity.normal_prior import on_ceiling, on_floor, on_wall, previous_normal
+from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.parse_prior import mark_of, parse_knowledge
+from roundel.solver.ambiguity.pattern_cue import Pattern
+from roundel.solver.ambiguity.vanishing_line_side import SideRule, _order
+from roundel.solver.ambiguity.viewing_cone import viewing_cone
+from roundel.solver.fit.ellipse import ellipse_of_shape, shape_of_ellipse
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.pose.circle_pose import poses_from_conic, poses_from_ellipse
 
 K = np.array([[1016.0, 0.0, 639.5], [0.0, 1016.0, 359.5], [0.0, 0.0, 1.0]])
 NORMALS = np.stack([normal_of(20.0, 40.0), normal_of(30.0, -140.0)])

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, conic_of_ellipse, ellipse_of_conic, other_candidate
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse, poses_up_to_scale
+from roundel.scenes.geometry.conic import conic_of_circle, conic_of_ellipse, ellipse_of_conic, other_candidate
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.pose.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse, poses_up_to_scale
 
 K_PAPER = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
 

@@ -13,7 +13,7 @@ from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, wri
 
 from roundel.cli.main import main
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.compare import compare_reports, labels_of
+from roundel.validate.report.compare import compare_reports, labels_of
 from roundel.validate.validate import validate_dataset
 
 LARGER = POINTS.replace("frames_per_cell: 4", "frames_per_cell: 8")

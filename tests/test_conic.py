@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.scenes.camera import Camera, project
-from roundel.scenes.conic import (
+from roundel.scenes.camera.model import Camera, project
+from roundel.scenes.geometry.conic import (
     circle_points_m,
     conic_of_circle,
     conic_of_ellipse,
@@ -16,7 +16,7 @@ from roundel.scenes.conic import (
     other_candidate,
     vanishing_line,
 )
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
 
 K = np.array([[1200.0, 3.0, 640.2], [0.0, 1310.0, 355.7], [0.0, 0.0, 1.0]])
 

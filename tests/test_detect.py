@@ -10,8 +10,8 @@ import pytest
 from helpers_images import coverage, picture
 from PIL import Image, ImageDraw, ImageFont
 
-from roundel.solver.candidates import noise_dn
-from roundel.solver.detect import detect
+from roundel.solver.detect.candidates import noise_dn
+from roundel.solver.detect.detect import detect
 
 WIDTH, HEIGHT = 400, 300
 

@@ -10,19 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from roundel.datasets.files import image_name
 from roundel.datasets.flags import count_flags, frame_flags, marker_flags, warning_of
-from roundel.datasets.images import read_image
-from roundel.render.curve import delivered, delivered_levels, encoded
-from roundel.render.data_sheet import data_sheet
-from roundel.render.demosaic import demosaic, filters
-from roundel.render.develop import develop
-from roundel.render.encode import jpeg_bytes, png_bytes
-from roundel.render.exposure import balance_of, exposure_of, sheet_pixels, whites
-from roundel.render.photometry import edge_photometry, noise_dn
+from roundel.datasets.layout.files import image_name
+from roundel.datasets.layout.images import read_image
 from roundel.render.run import render_study
-from roundel.scenes.frame import Frame, frame_of
-from roundel.scenes.sensor_section import SensorSection
+from roundel.render.sensor.curve import delivered, delivered_levels, encoded
+from roundel.render.sensor.data_sheet import data_sheet
+from roundel.render.sensor.demosaic import demosaic, filters
+from roundel.render.sensor.develop import develop
+from roundel.render.sensor.encode import jpeg_bytes, png_bytes
+from roundel.render.sensor.exposure import balance_of, exposure_of, sheet_pixels, whites
+from roundel.render.sensor.photometry import edge_photometry, noise_dn
+from roundel.scenes.study.sensor_section import SensorSection
+from roundel.scenes.world.frame import Frame, frame_of
 
 MOSAICS = ("rggb", "bggr", "grbg", "gbrg")
 

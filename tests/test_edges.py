@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers_images import coverage, picture
 
-from roundel.scenes.conic import ellipse_points
-from roundel.solver.edges import EdgePoints, edge_points
-from roundel.solver.ellipse import FailedFit
-from roundel.solver.foot_points import foot_points
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.fit.edges import EdgePoints, edge_points
+from roundel.solver.fit.ellipse import FailedFit
+from roundel.solver.fit.ellipse_distance import foot_points
 
 
 def found(ellipse, guess=(0.6, -0.5, 0.7, 0.4, 2.0), **options):

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.ellipse import (
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import (
     EllipseFit,
     FailedFit,
     direct_ellipse,
@@ -18,7 +17,8 @@ from roundel.solver.ellipse import (
     fit_ellipse,
     shape_of_ellipse,
 )
-from roundel.solver.foot_points import foot_points
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 ELLIPSE = np.array([640.3, 359.2, 43.0, 37.0, 20.0])
 

@@ -9,8 +9,8 @@ import pytest
 
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.estimates import SCHEMA, Estimate, write_estimates
-from roundel.validate.columns import COLUMNS, columns_json, columns_markdown
-from roundel.validate.estimates_file import dataset_of, read_estimates
+from roundel.validate.estimates.reader import dataset_of, read_estimates
+from roundel.validate.estimates.schema import COLUMNS, columns_json, columns_markdown
 
 FAILED = Estimate(3, 0, "mine", "true", status="failed", reason="too dark")
 POSE = "frame_id,normal_x,normal_y,normal_z,centre_x_m,centre_y_m,centre_z_m\n"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from roundel.solver.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif, read_exif
+from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif, read_exif
 
 PHONE = ExifTags(focal_35mm_mm=26.0, focal_mm=4.25, width_px=4032, height_px=3024, make="Apple")
 

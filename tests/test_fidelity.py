@@ -10,14 +10,14 @@ from helpers_effects import CAMERA, EFFECTS, FLAT, motion
 from helpers_images import coverage as ellipse_coverage
 from helpers_studies import small_study
 
-from roundel.datasets.fidelity import compare, measure_circle
-from roundel.datasets.fidelity_summary import fidelity_lines, summarise
-from roundel.datasets.measurable import SAMPLED_FRAMES, effect_of, is_sampled
-from roundel.datasets.pixel_test import normal_scores, pixel_test
-from roundel.datasets.prediction import Prediction, predict
-from roundel.datasets.radiance import REPLICATES
-from roundel.scenes.frame import Frame, frame_of, frames_of
-from roundel.scenes.truth import truth_of
+from roundel.datasets.fidelity.measure import compare, measure_circle
+from roundel.datasets.fidelity.pixel_test import normal_scores, pixel_test
+from roundel.datasets.fidelity.prediction import Prediction, predict
+from roundel.datasets.fidelity.selection import SAMPLED_FRAMES, effect_of, is_sampled
+from roundel.datasets.fidelity.summary import fidelity_lines, summarise
+from roundel.datasets.layout.radiance import REPLICATES
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import Frame, frame_of, frames_of
 
 
 @pytest.mark.parametrize("planted", [(0.0, 0.0, 0.0), (0.02, -0.01, 0.0), (0.5, 0.5, 0.0), (0.0, 0.0, 0.03)])
@@ -102,7 +102,7 @@ def test_a_blur_that_is_a_tenth_too_wide_fails(tmp_path: Path) -> None:
 
 def test_colours_have_light_and_diffraction_of_their_own(tmp_path: Path, monkeypatch) -> None:
     # The same few nodes on both sides: what is asked here is which colour a pixel has.
-    monkeypatch.setattr("roundel.datasets.nodes._AIRY", 256)
+    monkeypatch.setattr("roundel.datasets.fidelity.quadrature._AIRY", 256)
     lens = CAMERA + ", aperture_mm: 0.1, focus_m: 0.64, diffraction: true, wavelengths_nm: [700, 550, 400]"
     mosaic = ("light:", "sensor: {mosaic: rggb}\nlight:")
     frame = frame_of(small_study(tmp_path, (CAMERA, lens), mosaic), 0)

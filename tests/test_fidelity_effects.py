@@ -6,10 +6,10 @@ import pytest
 from helpers_effects import CAMERA, EFFECTS, Edits
 from helpers_studies import small_study
 
-from roundel.datasets.fidelity import measure_circle
-from roundel.datasets.fidelity_summary import fidelity_lines, summarise
+from roundel.datasets.fidelity.measure import measure_circle
+from roundel.datasets.fidelity.summary import fidelity_lines, summarise
 from roundel.render.radiance import render_radiance
-from roundel.scenes.frame import frames_of
+from roundel.scenes.world.frame import frames_of
 
 pytestmark = pytest.mark.slow
 

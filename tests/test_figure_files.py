@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from roundel.validate.drawing import Picture, draw_svg, name_of, standalone_svg
-from roundel.validate.figure_files import write_figures
+from roundel.validate.figures.svg import Picture, draw_svg, name_of, standalone_svg
+from roundel.validate.figures.writers import write_figures
 
 
 def picture(name: str) -> Picture:

@@ -11,12 +11,12 @@ import pyarrow as pa
 import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
-from roundel.validate.drawing import inlined
-from roundel.validate.figures import pictures
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.summary import grid_of
-from roundel.validate.targets import true_targets
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.figures.error_curves import pictures
+from roundel.validate.figures.svg import inlined
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import score
+from roundel.validate.scores.summary import grid_of
 
 DRAWN = POINTS.replace("{grid: [15, 25, 40]}", "{uniform: [15, 40]}").replace(
     "frames_per_cell: 4", "frames_per_cell: 10"

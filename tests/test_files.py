@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roundel.datasets import files, journal
+from roundel.datasets.layout import files, journal
 from roundel.scenes.errors import DataError
 
 
@@ -49,7 +49,7 @@ def test_journal_lines_are_the_same_for_the_same_entry(tmp_path: Path) -> None:
 
 
 def test_planes_are_rounded_to_what_they_are_worth(tmp_path: Path) -> None:
-    from roundel.datasets.radiance import encode_radiance, read_radiance, rounded
+    from roundel.datasets.layout.radiance import encode_radiance, read_radiance, rounded
 
     random = np.random.default_rng(3)
     plane = np.exp(random.uniform(-20, 5, (40, 50))).astype(np.float32)

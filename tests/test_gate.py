@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.baseline import Baseline, read_baseline, write_baseline
-from roundel.validate.gate import Frame, GateResult, gate
-from roundel.validate.gate_checks import Check
-from roundel.validate.gate_report import SUMMARY_LIMIT_BYTES, junit_xml, lines, markdown, replay_command
+from roundel.validate.gate.baseline import Baseline, read_baseline, write_baseline
+from roundel.validate.gate.checks import Check
+from roundel.validate.gate.gate import Frame, GateResult, gate
+from roundel.validate.gate.output import SUMMARY_LIMIT_BYTES, junit_xml, lines, markdown, replay_command
 
 N = 600
 

@@ -10,12 +10,12 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.cli.main import build_parser, main
-from roundel.scenes.frame import total_frames
-from roundel.scenes.study import load_study
-from roundel.validate.baseline import read_baseline
-from roundel.validate.gate import Frame
-from roundel.validate.gate_report import replay_command
-from roundel.validate.metrics import METRIC_VERSION
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import total_frames
+from roundel.validate.gate.baseline import read_baseline
+from roundel.validate.gate.gate import Frame
+from roundel.validate.gate.output import replay_command
+from roundel.validate.metrics.pose_errors import METRIC_VERSION
 
 RUN = "scaled:1"
 

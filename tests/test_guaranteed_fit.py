@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import ellipse_points
-from roundel.solver.ellipse import EllipseFit, FailedFit, fit_ellipse, shape_of_ellipse
-from roundel.solver.foot_points import foot_points
-from roundel.solver.guaranteed_fit import guaranteed_ellipse
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit, fit_ellipse, shape_of_ellipse
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 
 ELLIPSE = np.array([640.3, 359.2, 43.0, 27.0, 20.0])
 NEAR_CIRCLE = np.array([640.3, 359.2, 40.0, 39.9, 70.0])

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import (
+from roundel.scenes.geometry.conic import (
     conic_of_circle,
     conic_of_ellipse,
     ellipse_of_conic,
     ellipse_points,
     vanishing_line,
 )
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.homography import canonical_homography, homography_from_conic, homography_from_ellipse
-from roundel.solver.pencil import conic_pencil
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.theory.conic_pencil import conic_pencil
+from roundel.solver.theory.homography import canonical_homography, homography_from_conic, homography_from_ellipse
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
 UNIT = np.diag([1.0, 1.0, -1.0])

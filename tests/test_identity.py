@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 from helpers_golden import GOLDEN, STUDIES, record_of, schema_defaults
 
-from roundel.datasets import journal
+from roundel.datasets.layout import journal
 from roundel.datasets.numbers import other_numbers
 from roundel.datasets.verify import verify_dataset
 from roundel.render.run import render_study
-from roundel.scenes import identity, sampling
 from roundel.scenes.errors import DataError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.identity import frame_digest
-from roundel.scenes.study import load_study
+from roundel.scenes.study import identity, sampling
+from roundel.scenes.study.identity import frame_digest
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of
 
 REMEDY = "other frames than before: raise SAMPLING_VERSION and run tests/make_golden.py"
 

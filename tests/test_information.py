@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.pose import camera_from_marker_of, normal_of
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
 RADIUS = 0.5  # a metre is a diameter

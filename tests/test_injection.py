@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
-from roundel.validate.compare import compare_reports
+from roundel.validate.report.compare import compare_reports
 from roundel.validate.validate import validate_dataset
 
 EVIL = (

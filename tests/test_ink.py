@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from helpers_markers import MARKERS, sheet
 
-from roundel.scenes.ink_pattern import reflectance_at
-from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.scenes.markers.ink_pattern import reflectance_at
 
 EVERYTHING: dict[str, Any] = {
     "edge_softness_m": 0.001,

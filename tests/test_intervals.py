@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from roundel.validate.intervals import (
+from roundel.validate.statistics.intervals import (
     bootstrap_interval,
     bootstrap_intervals,
     holm,

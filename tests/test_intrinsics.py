@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from roundel.scenes.camera import Camera, camera_to_json
+from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
-from roundel.solver.exif import ExifTags
-from roundel.solver.intrinsics import assumed_camera_for, camera_for, focal_px_of, parse_intrinsics
+from roundel.solver.intrinsics.exif import ExifTags
+from roundel.solver.intrinsics.specification import assumed_camera_for, camera_for, focal_px_of, parse_intrinsics
 
 K = np.array([[1280.0, 2.0, 600.0], [0.0, 1290.0, 350.0], [0.0, 0.0, 1.0]])
 CAMERA = Camera(1280, 720, K, (0.1, 0.0, 0.0, 0.0), focal_35mm_mm=28.0)

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from roundel.scenes.errors import StudyError
-from roundel.scenes.frame import frames_of
-from roundel.scenes.layers import laid_over, preset, preset_names
-from roundel.scenes.study import load_study
+from roundel.scenes.study.layers import laid_over, preset, preset_names
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frames_of
 
 
 def test_mappings_merge_and_all_else_replaces() -> None:

@@ -10,8 +10,9 @@ from helpers_studies import small_study
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.datasets.measurable import effects_of
-from roundel.scenes.camera import (
+from roundel.datasets.fidelity.selection import effects_of
+from roundel.scenes.camera.lens_fisheye import angle_of, distort, image_radius, widest_angle
+from roundel.scenes.camera.model import (
     Camera,
     denormalise,
     distort_px,
@@ -22,8 +23,7 @@ from roundel.scenes.camera import (
     undistort_px,
 )
 from roundel.scenes.errors import StudyError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.lens_fisheye import angle_of, distort, image_radius, widest_angle
+from roundel.scenes.world.frame import frame_of
 
 coefficients = st.tuples(
     st.floats(-0.05, 0.1), st.floats(-0.005, 0.01), st.floats(-0.001, 0.002), st.floats(-2e-4, 2e-4)

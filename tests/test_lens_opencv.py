@@ -7,7 +7,8 @@ from helpers_lenses import OPENCV, K, image_grid, lens
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from roundel.scenes.camera import (
+from roundel.scenes.camera.lens_opencv import distort, field_of, tilt_matrix
+from roundel.scenes.camera.model import (
     Camera,
     denormalise,
     distort_normalised,
@@ -18,7 +19,6 @@ from roundel.scenes.camera import (
     undistort_normalised,
     undistort_px,
 )
-from roundel.scenes.lens_opencv import distort, field_of, tilt_matrix
 
 SQUARE = np.array([[913.0, 0.0, 641.2], [0.0, 905.0, 355.7], [0.0, 0.0, 1.0]])
 

@@ -8,13 +8,13 @@ from helpers_light import light_from, radiance_along, radiance_at
 from helpers_studies import small_study
 
 from roundel.render.backend import start
-from roundel.render.lights import emitters, needs_colour, sun_direction
 from roundel.render.radiance import render_radiance
+from roundel.render.scene.lights import emitters, needs_colour, sun_direction
 from roundel.scenes.errors import StudyError, UsageError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.lamps import camera_from_lamp, facing, irradiance_of
-from roundel.scenes.light_section import SkySection
-from roundel.scenes.pose import transform_points
+from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.study.light_section import SkySection
+from roundel.scenes.world.frame import frame_of
+from roundel.scenes.world.lamps import camera_from_lamp, facing, irradiance_of
 
 LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}"
 MARKER = "marker: {kind: disc, diameter_m: 0.08}"

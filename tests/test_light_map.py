@@ -10,10 +10,10 @@ from helpers_light import light_from, radiance_at, write_map
 from helpers_studies import small_study
 
 from roundel.render.backend import start
-from roundel.render.lights import emitters
+from roundel.render.scene.lights import emitters
 from roundel.scenes.errors import DataError, StudyError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.study import load_study
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of
 
 LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}"
 POINTS = np.array([[0.0, 0.0], [0.06, 0.0]])

@@ -12,16 +12,16 @@ from helpers_images import coverage_through_lens, picture
 from helpers_lenses import lens
 from PIL import Image
 
-from roundel.scenes.camera import Camera, camera_to_json
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
 from roundel.solver.estimates import SCHEMA
-from roundel.solver.fits import fit_points
-from roundel.solver.locate import locate
-from roundel.solver.methods import check_methods
-from roundel.solver.solve import solve_dataset
-from roundel.validate.estimates_file import read_estimates
+from roundel.solver.methods.locate import locate
+from roundel.solver.methods.registry import check_methods
+from roundel.solver.methods.roundel_fits import fit_points
+from roundel.solver.methods.solve import solve_dataset
+from roundel.validate.estimates.reader import read_estimates
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
 CAMERA = Camera(1280, 720, K)

@@ -9,11 +9,11 @@ from helpers_markers import MARKERS, sheet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.ink_pattern import coverage, reflectance_at
-from roundel.scenes.lattice import GRAIN_AMPLITUDE, clutter_at, grain_at
-from roundel.scenes.marker import Bar, Cells, Checker, Disc, Sheet, is_smooth
-from roundel.scenes.marker_section import KINDS
-from roundel.scenes.outlines import edge_reach_m, outlines
+from roundel.scenes.markers.ink_pattern import coverage, reflectance_at
+from roundel.scenes.markers.marker import Bar, Cells, Checker, Disc, Sheet, is_smooth
+from roundel.scenes.markers.outlines import edge_reach_m, outlines
+from roundel.scenes.markers.value_noise import GRAIN_AMPLITUDE, clutter_at, grain_at
+from roundel.scenes.study.marker_section import KINDS
 
 INK, PAPER, WALL = 0.05, 0.80, 0.35
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-from roundel.render.paper import PAPERS_MM, Page, lay_out, print_marker
-from roundel.render.print_kinds import marker_to_print, parse_set
+from roundel.render.printing.marker_layouts import marker_to_print, parse_set
+from roundel.render.printing.print_page import PAPERS_MM, Page, lay_out, print_marker
 from roundel.scenes.errors import UsageError
-from roundel.scenes.ink_pattern import reflectance_at
-from roundel.scenes.marker_section import KINDS
-from roundel.scenes.outlines import outlines
+from roundel.scenes.markers.ink_pattern import reflectance_at
+from roundel.scenes.markers.outlines import outlines
+from roundel.scenes.study.marker_section import KINDS
 
 POINT_MM = 25.4 / 72.0
 SMALL = {"dot_ring": 0.03, "disc_with_chessboard": 0.05}

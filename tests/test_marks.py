@@ -7,18 +7,18 @@ import pytest
 from helpers_images import picture
 from scipy.ndimage import gaussian_filter
 
-from roundel.scenes.camera import Camera
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.marker import Bar, Disc
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.assumed_camera import AssumedCamera
-from roundel.solver.choose import choose
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.ellipse import FailedFit
-from roundel.solver.marks import ConcentricCircle, fit_centre
-from roundel.solver.pattern_mark import orientation_tick, pattern_of, pattern_of_shapes
-from roundel.solver.sighting import Sighting
-from roundel.solver.viewing_cone import concentric_image, viewing_cone
+from roundel.scenes.camera.model import Camera
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.scenes.markers.marker import Bar, Disc
+from roundel.solver.ambiguity.concentric_circle import ConcentricCircle, fit_centre
+from roundel.solver.ambiguity.disambiguation import choose
+from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.pattern_cue import orientation_tick, pattern_of, pattern_of_shapes
+from roundel.solver.ambiguity.viewing_cone import concentric_image, viewing_cone
+from roundel.solver.fit.ellipse import FailedFit
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 K = np.array([[600.0, 0.0, 79.5], [0.0, 600.0, 79.5], [0.0, 0.0, 1.0]])
 CAMERA = Camera(160, 160, K)

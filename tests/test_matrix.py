@@ -10,10 +10,10 @@ import pyarrow as pa
 import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
-from roundel.validate.matrix import _bins, matrix_pictures
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.targets import true_targets
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.figures.errors_by_variable import _bins, matrix_pictures
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import score
 
 
 @pytest.fixture(scope="module")

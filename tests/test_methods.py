@@ -14,13 +14,13 @@ import pytest
 from helpers_reports import POINTS, make_dataset
 
 from roundel.cli.main import main
-from roundel.scenes.camera import Camera
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
-from roundel.solver.circle_pose import poses_from_conic
-from roundel.solver.locate import locate
-from roundel.solver.methods import check_methods, finder_of, installed_methods, method_lines
-from roundel.solver.own_method import Found, View, check_found
-from roundel.solver.photographs import solve_photographs
+from roundel.solver.methods.locate import locate
+from roundel.solver.methods.plugin import Found, View, check_found
+from roundel.solver.methods.registry import check_methods, finder_of, installed_methods, method_lines
+from roundel.solver.photos.photographs import solve_photographs
+from roundel.solver.pose.circle_pose import poses_from_conic
 
 HOUSE = Path(__file__).resolve().parents[1]
 EXAMPLE = HOUSE / "docs" / "roundel_simittag"
@@ -48,7 +48,7 @@ TAG = IMAGES.replace(
 
 OWN = '''
 import numpy as np
-from roundel.solver.own_method import Found
+from roundel.solver.methods.plugin import Found
 
 POSE = [(np.array([0.0, 0.6, -0.8]), np.array([0.0, 0.0, 0.4]))]
 
@@ -251,7 +251,7 @@ N, C = [0.0, 0.6, -0.8], [0.0, 0.0, 0.4]
 @pytest.mark.parametrize(
     ("found", "sentence"),
     [
-        ({"x": 1}, "it is a dict, and not a roundel.solver.own_method.Found"),
+        ({"x": 1}, "it is a dict, and not a roundel.solver.methods.plugin.Found"),
         (Found(), "neither a pose nor an ellipse nor a centre"),
         (Found(poses=[(N, C)] * 3), "it has 3 poses"),
         (Found(poses=[N]), "its poses are not pairs|its normal has shape|too many values"),
@@ -273,7 +273,7 @@ def test_answers_that_cannot_be(found, sentence):
 
 
 def test_candidates_come_in_the_order_of_the_conventions():
-    from roundel.scenes.conic import conic_of_ellipse
+    from roundel.scenes.geometry.conic import conic_of_ellipse
 
     poses = poses_from_conic(conic_of_ellipse([180.0, 100.0, 40.0, 30.0, 20.0]), CAMERA.K, 0.04)
     both = list(zip(poses.normal, poses.centre_m, strict=True))

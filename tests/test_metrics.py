@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from roundel.scenes.camera import Camera, distort_px, project
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
-from roundel.scenes.information import contour_information
-from roundel.scenes.pose import camera_from_marker_of, minimal_rotation, normal_of
-from roundel.validate.metrics import (
+from roundel.scenes.camera.model import Camera, distort_px, project
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.information import contour_information
+from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation, normal_of
+from roundel.validate.metrics.pose_errors import (
     METRICS,
     _nearest_on_ellipse,
     contour_error_px,

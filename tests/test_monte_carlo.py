@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from roundel.scenes.conic import ellipse_points
-from roundel.solver.curvature_bias import without_curvature_bias
-from roundel.solver.ellipse import ellipse_of_shape, fit_ellipse
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.fit.curvature_bias import without_curvature_bias
+from roundel.solver.fit.ellipse import ellipse_of_shape, fit_ellipse
 
 
 @pytest.fixture(scope="module")

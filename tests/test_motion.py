@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from roundel.scenes.camera import project
+from roundel.scenes.camera.model import project
+from roundel.scenes.camera.motion import adjoint, exp_twist, image_of, pose_at
 from roundel.scenes.errors import StudyError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.motion import adjoint, exp_twist, image_of, pose_at
-from roundel.scenes.pose import transform_points
-from roundel.scenes.truth import truth_of
+from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import frame_of
 
 numbers = st.floats(-3, 3).map(lambda v: v if abs(v) > 1e-6 else 0.0)
 twists = st.lists(numbers, min_size=6, max_size=6).map(np.array)

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from roundel.render.backend import start
 from roundel.render.radiance import render_radiance
 from roundel.scenes.errors import StudyError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.light_section import OccluderSection
-from roundel.scenes.occluders import hidden, occluder_outlines_m, occluder_plate, plates_of
-from roundel.scenes.pose import camera_from_marker_of, normal_of, transform_points
-from roundel.scenes.truth import truth_of
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
+from roundel.scenes.study.light_section import OccluderSection
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import frame_of
+from roundel.scenes.world.occluders import hidden, occluder_outlines_m, occluder_plate, plates_of
 
 FRONTAL = (
     ("distance_D: {uniform: [7, 9]}", "distance_D: 8"),

@@ -10,9 +10,9 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset
 
 from roundel.datasets.dataset import Dataset
-from roundel.validate.records import read_runs
-from roundel.validate.scores import Scores, score
-from roundel.validate.targets import true_targets
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import Scores, score
 
 SMALL = POINTS.replace("frames_per_cell: 4", "frames_per_cell: 1")
 LENS = SMALL.replace("focal_px: 1280", "focal_px: 1280, distortion: [-0.1, 0.03, 0.0005, -0.0007]")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from roundel.validate.paired import mcnemar_test, rms_ratio_test, shift_test
+from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test, shift_test
 
 
 def errors(generator, n=600, k=2):
@@ -88,5 +88,5 @@ def test_many_frames_are_resampled_as_few_are(monkeypatch):
     generator = np.random.default_rng(8)
     new, old = errors(generator, 300), errors(generator, 300)
     kept = rms_ratio_test(new, old, alpha=0.01)
-    monkeypatch.setattr("roundel.validate.paired._KEPT", 10)
+    monkeypatch.setattr("roundel.validate.statistics.paired_tests._KEPT", 10)
     assert rms_ratio_test(new, old, alpha=0.01).standard_error == pytest.approx(kept.standard_error, rel=1e-12)

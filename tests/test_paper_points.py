@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from roundel.render.run import render_study
-from roundel.scenes.study import load_study
-from roundel.solver.solve import solve_dataset
+from roundel.scenes.study.study import load_study
+from roundel.solver.methods.solve import solve_dataset
 from roundel.validate.validate import validate_dataset
 
 CONFIG = Path(__file__).parent.parent / "configs" / "paper_points.yaml"

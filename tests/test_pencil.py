@@ -7,11 +7,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, conic_of_ellipse, vanishing_line
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_conic
-from roundel.solver.pencil import absolute_conic, conic_pencil, signature
-from roundel.solver.separation import plane_pencil
+from roundel.scenes.geometry.conic import conic_of_circle, conic_of_ellipse, vanishing_line
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.pose.circle_pose import poses_from_conic
+from roundel.solver.theory.conic_pencil import absolute_conic, conic_pencil, signature
+from roundel.solver.theory.propositions import plane_pencil
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
 

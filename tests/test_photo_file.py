@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from roundel.scenes.errors import DataError
-from roundel.solver.photo_file import MAX_PIXELS, read_photo
+from roundel.solver.photos.photo_file import MAX_PIXELS, read_photo
 
 RNG = np.random.default_rng(4)
 # Smooth, so that JPEG and WebP keep it; no symmetry, so that every orientation differs.

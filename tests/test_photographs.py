@@ -11,16 +11,16 @@ import pytest
 from helpers_images import coverage
 from PIL import Image
 
-from roundel.scenes.camera import Camera
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.ambiguity.normal_prior import NormalPrior
 from roundel.solver.estimates import Estimate
-from roundel.solver.normal_prior import NormalPrior
-from roundel.solver.overlay import CANDIDATES, CONTOUR, Drawn, draw_overlay
-from roundel.solver.photo_report import line_of, with_sigma
-from roundel.solver.photographs import solve_photographs
-from roundel.validate.estimates_file import read_estimates
+from roundel.solver.photos.overlay import CANDIDATES, CONTOUR, Drawn, draw_overlay
+from roundel.solver.photos.photo_report import line_of, with_sigma
+from roundel.solver.photos.photographs import solve_photographs
+from roundel.validate.estimates.reader import read_estimates
 
 WIDTH, HEIGHT, F35 = 320, 240, 28.0
 FOCAL_PX = F35 * math.hypot(WIDTH, HEIGHT) / math.hypot(36, 24)
@@ -210,7 +210,7 @@ def test_the_contour_is_drawn_where_it_is():
     picture = draw_overlay(np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8), [drawn()], "footer")
     places = (near(picture, CONTOUR) + 0.5) / 3.0 - 0.5  # back to the image's pixels
     one = drawn().estimate.ellipse
-    from roundel.solver.foot_points import foot_points
+    from roundel.solver.fit.ellipse_distance import foot_points
 
     assert len(places) > 200
     # The line is 2 thousandths of 960 px wide.

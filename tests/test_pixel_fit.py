@@ -7,14 +7,14 @@ import pytest
 from helpers_images import coverage, coverage_through_lens
 from scipy.special import ndtr
 
-from roundel.scenes.camera import Camera, distort_px
-from roundel.scenes.conic import ellipse_points
-from roundel.scenes.information import shape_information_of_pixels
-from roundel.scenes.step_response import curved_distance, ellipse_curvature, step_response
-from roundel.solver.disc_blur import disc_minus_gauss
-from roundel.solver.edges import EdgePoints, edge_points
-from roundel.solver.ellipse import FailedFit, direct_ellipse, shape_of_ellipse
-from roundel.solver.pixel_fit import PixelFit, fit_pixels
+from roundel.scenes.camera.model import Camera, distort_px
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.scenes.geometry.edge_spread_function import curved_distance, ellipse_curvature, step_response
+from roundel.scenes.geometry.information import shape_information_of_pixels
+from roundel.solver.fit.disc_blur import disc_minus_gauss
+from roundel.solver.fit.edges import EdgePoints, edge_points
+from roundel.solver.fit.ellipse import FailedFit, direct_ellipse, shape_of_ellipse
+from roundel.solver.fit.pixel_fit import PixelFit, fit_pixels
 
 GUESS = np.array([0.4, -0.3, 0.3, 0.2, 1.0])
 

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px
-from roundel.scenes.information import (
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, curved_distance, step_response
+from roundel.scenes.geometry.information import (
     contour_information,
     pose_bound,
     pose_information_of_shape,
     shape_information_of_pixels,
 )
-from roundel.scenes.step_response import PIXEL_VARIANCE, curved_distance, step_response
-from roundel.solver.edge_band import band_around, sector_centres, shape_jacobian
+from roundel.solver.fit.edge_band import band_around, sector_centres, shape_jacobian
 
 ELLIPSE = np.array([60.3, 59.8, 24.0, 17.0, 35.0])
 

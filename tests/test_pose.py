@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.pose import (
+from roundel.scenes.geometry.pose import (
     angle_deg,
     camera_from_marker_of,
     minimal_rotation,

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.ellipse import ellipse_of_shape, shape_of_ellipse
-from roundel.solver.foot_points import foot_points
-from roundel.solver.pose_covariance import poses_with_covariance
-from roundel.solver.pose_region import normal_border, normal_region, position_region, quantile, squared_distances
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import ellipse_of_shape, shape_of_ellipse
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.pose.circle_pose import poses_from_ellipse
+from roundel.solver.pose.pose_covariance import poses_with_covariance
+from roundel.solver.pose.pose_region import normal_border, normal_region, position_region, quantile, squared_distances
 
 K = np.array([[1280.0, 3.0, 639.5], [0.0, 1200.0, 359.5], [0.0, 0.0, 1.0]])
 RADIUS = 0.3

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import j1
 
-from roundel.datasets.areas import Areas
-from roundel.datasets.nodes import AIRY_LIMIT, area_radius_m
-from roundel.datasets.prediction import nodes_for, predict
-from roundel.scenes.camera import normalise, undistort_px
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.frame import Frame, frame_of
-from roundel.scenes.ink_pattern import reflectance_at
-from roundel.scenes.motion import pose_at
+from roundel.datasets.fidelity.pixel_coverage import Areas
+from roundel.datasets.fidelity.prediction import nodes_for, predict
+from roundel.datasets.fidelity.quadrature import AIRY_LIMIT, area_radius_m
+from roundel.scenes.camera.model import normalise, undistort_px
+from roundel.scenes.camera.motion import pose_at
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.markers.ink_pattern import reflectance_at
+from roundel.scenes.world.frame import Frame, frame_of
 
 FACING = (("{uniform: [10, 50]}", "0"), ("{uniform: [-20, 20]}", "0"))
 WINDOW = (0, 0, 120, 160)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from helpers_studies import small_study
 
-from roundel.render.rays import optics_of, shoot
-from roundel.scenes.airy import encircled_energy
-from roundel.scenes.camera import denormalise, distort_px, normalise
-from roundel.scenes.frame import frame_of
-from roundel.scenes.motion import pose_at
-from roundel.scenes.sensor_section import filters_of
+from roundel.render.rays.rays import optics_of, shoot
+from roundel.scenes.camera.airy import encircled_energy
+from roundel.scenes.camera.model import denormalise, distort_px, normalise
+from roundel.scenes.camera.motion import pose_at
+from roundel.scenes.study.sensor_section import filters_of
+from roundel.scenes.world.frame import frame_of
 
 MOVING = (
     "pose:",

@@ -13,15 +13,15 @@ import pytest
 from helpers_studies import SMALL, small_study
 
 from roundel.cli.main import main
-from roundel.datasets import files
 from roundel.datasets.dataset import open_dataset
-from roundel.datasets.images import open_images
-from roundel.datasets.radiance import read_radiance
+from roundel.datasets.layout import files
+from roundel.datasets.layout.images import open_images
+from roundel.datasets.layout.radiance import read_radiance
 from roundel.render.redevelop import develop_dataset
 from roundel.render.run import render_study
 from roundel.scenes.errors import DataError, StudyError, UsageError
-from roundel.scenes.sensor_file import study_with_sensor
-from roundel.scenes.study import load_study
+from roundel.scenes.study.sensor_file import study_with_sensor
+from roundel.scenes.study.study import load_study
 
 TWO = ("frames: 4", "frames: 2\nsensor: {full_well_e: 9000, exposure_ph: 20000}")
 
@@ -250,8 +250,8 @@ def test_a_colour_jpeg_goes_all_the_way(tmp_path: Path) -> None:
     assert images.records[0]["image"] == "images/000000.jpg"
     assert images.image(0).shape == (120, 160, 3)
     assert min(images.records[0]["sensor"]["white_balance"]) == 1.0
-    from roundel.solver.solve import solve_dataset
-    from roundel.validate.estimates_file import read_estimates
+    from roundel.solver.methods.solve import solve_dataset
+    from roundel.validate.estimates.reader import read_estimates
 
     solve_dataset(tmp_path / "ds", tmp_path / "est", methods=("ml",), intrinsics=("true",))
     found = read_estimates(tmp_path / "est" / "estimates.parquet").to_pylist()

@@ -7,16 +7,16 @@ import pytest
 from helpers_studies import small_study
 from scipy.stats import t as student
 
-from roundel.datasets.fidelity import measure_circle
-from roundel.datasets.fidelity_summary import summarise
-from roundel.datasets.radiance import REPLICATES
-from roundel.render.bands import sample_map
+from roundel.datasets.fidelity.measure import measure_circle
+from roundel.datasets.fidelity.summary import summarise
+from roundel.datasets.layout.radiance import REPLICATES
 from roundel.render.radiance import render_radiance
-from roundel.render.transport import is_plain
-from roundel.scenes.camera import project
-from roundel.scenes.frame import frame_of, frames_of
-from roundel.scenes.pose import transform_points
-from roundel.scenes.truth import truth_of
+from roundel.render.rays.sample_allocation import sample_map
+from roundel.render.scene.transport import is_plain
+from roundel.scenes.camera.model import project
+from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import frame_of, frames_of
 
 SMALL_LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}\n"
 FLAT = (

@@ -14,11 +14,11 @@ import pytest
 from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
-from roundel.datasets.files import sha256
+from roundel.datasets.layout.files import sha256
 from roundel.scenes.errors import NotComparableError, UsageError
-from roundel.validate.camera_errors import calibrate_dataset, calibration_lines
-from roundel.validate.run_statistics import statistics
-from roundel.validate.summary import intrinsics_rank, number, terminal_table
+from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
+from roundel.validate.scores.run_statistics import statistics
+from roundel.validate.scores.summary import intrinsics_rank, number, terminal_table
 from roundel.validate.validate import validate_dataset
 
 LABELS = ["scaled:0.7", "scaled:1", "scaled:1.3"]

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
-from roundel.validate.compare import compare_reports
+from roundel.validate.report.compare import compare_reports
 from roundel.validate.validate import validate_dataset
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[dev]')")

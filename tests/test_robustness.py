@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.validate.robustness import crossing, sweep_summary, sweeps_of
-from roundel.validate.robustness_figures import doubling_in_words, sweep_pictures
+from roundel.validate.claims.robustness import crossing, sweep_summary, sweeps_of
+from roundel.validate.figures.robustness import doubling_in_words, sweep_pictures
 
 LEVELS = [1.0, 2.0, 4.0, 8.0, 16.0]
 

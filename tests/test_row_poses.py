@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 from helpers_studies import small_study
 
-from roundel.scenes.camera import project
-from roundel.scenes.frame import frame_of
-from roundel.scenes.motion import pose_at
-from roundel.scenes.row_poses import row_poses_of
-from roundel.scenes.truth import truth_of
+from roundel.scenes.camera.model import project
+from roundel.scenes.camera.motion import pose_at
+from roundel.scenes.truth.row_poses import row_poses_of
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import frame_of
 
 MOTION = (
     "motion: {exposure_s: 0.002, readout_s: 0.02, camera: {velocity_m_s: [0.4, 0.1, 0], rate_deg_s: [0, 20, 30]}}\n"

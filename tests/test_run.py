@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from helpers_studies import SMALL, small_study
 
-from roundel.datasets import files, journal
 from roundel.datasets.dataset import open_dataset
-from roundel.datasets.images import open_images
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.images import open_images
 from roundel.render.run import render_study
 from roundel.scenes.errors import DataError, UsageError
 

@@ -11,12 +11,12 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
-from roundel.validate.comparisons import comparisons, power_of
-from roundel.validate.records import read_runs
-from roundel.validate.run_statistics import RECALLS, recalls, statistics, statistics_of
-from roundel.validate.scores import Scores, score
-from roundel.validate.summary import main_key, summarise
-from roundel.validate.targets import true_targets
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.comparisons import comparisons, power_of
+from roundel.validate.scores.run_statistics import RECALLS, recalls, statistics, statistics_of
+from roundel.validate.scores.scores import Scores, score
+from roundel.validate.scores.summary import main_key, summarise
 
 TWO = POINTS.replace("frames_per_cell: 4", "frames_per_cell: 8")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from roundel.scenes.frame import frame_of, frames_of, total_frames
-from roundel.scenes.study import load_study
-from roundel.scenes.values import Spread, parse_value
+from roundel.scenes.study.study import load_study
+from roundel.scenes.study.values import Spread, parse_value
+from roundel.scenes.world.frame import frame_of, frames_of, total_frames
 
 STUDY = """\
 schema: 1

@@ -13,11 +13,11 @@ from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_data
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import DataError, NotComparableError, RoundelError, UsageError
-from roundel.validate.calibration import look_for_boards
-from roundel.validate.records import read_runs
-from roundel.validate.reference import reference_of
-from roundel.validate.scores import SCORES_SCHEMA, Scores, score
-from roundel.validate.targets import true_targets
+from roundel.validate.calibration.chessboard_reference import reference_of
+from roundel.validate.calibration.opencv import look_for_boards
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import SCORES_SCHEMA, Scores, score
 
 RING = POINTS.replace("{kind: disc, diameter_m: 0.08}", "{kind: ring, diameter_m: 0.08, inner_diameter_m: 0.05}")
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from helpers_studies import small_study
 
-from roundel.render.curve import delivered
-from roundel.render.data_sheet import DataSheet, data_sheet
-from roundel.render.develop import develop
-from roundel.render.photometry import expected_dn, noise_dn, temporal_variance_dn2
-from roundel.render.sensor import expose
-from roundel.scenes.frame import frame_of
-from roundel.scenes.sensor_section import SensorSection
+from roundel.render.sensor.curve import delivered
+from roundel.render.sensor.data_sheet import DataSheet, data_sheet
+from roundel.render.sensor.develop import develop
+from roundel.render.sensor.photometry import expected_dn, noise_dn, temporal_variance_dn2
+from roundel.render.sensor.sensor import expose
+from roundel.scenes.study.sensor_section import SensorSection
+from roundel.scenes.world.frame import frame_of
 
 EXPOSURE_S = 0.02
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, vanishing_line
-from roundel.scenes.pose import FACING, angle_deg, camera_from_marker_of, minimal_rotation, normal_of
-from roundel.solver.circle_pose import poses_from_conic, poses_from_ellipse
-from roundel.solver.pencil import conic_pencil
-from roundel.solver.separation import (
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, vanishing_line
+from roundel.scenes.geometry.pose import FACING, angle_deg, camera_from_marker_of, minimal_rotation, normal_of
+from roundel.solver.pose.circle_pose import poses_from_conic, poses_from_ellipse
+from roundel.solver.theory.conic_pencil import conic_pencil
+from roundel.solver.theory.propositions import (
     PlaneView,
     approaches_vanishing_line,
     criterion,

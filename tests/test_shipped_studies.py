@@ -7,7 +7,7 @@ import pytest
 from roundel.cli.main import main
 from roundel.cli.study_verbs import find_study
 from roundel.configs.shipped import starting_point, study_names, study_path, study_summary
-from roundel.scenes.study import load_study
+from roundel.scenes.study.study import load_study
 
 
 def test_every_shipped_study_has_a_line_that_says_what_it_is_for() -> None:

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from roundel.scenes.errors import StudyError
-from roundel.scenes.frame import frame_of, frames_of, total_frames
-from roundel.scenes.schema import json_schema
-from roundel.scenes.study import load_study
-from roundel.scenes.yaml_reader import read_yaml
+from roundel.scenes.study.schema import json_schema
+from roundel.scenes.study.study import load_study
+from roundel.scenes.study.yaml_reader import read_yaml
+from roundel.scenes.world.frame import frame_of, frames_of, total_frames
 
 CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))
 

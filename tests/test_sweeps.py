@@ -8,12 +8,12 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
 from roundel.scenes.errors import DataError
-from roundel.scenes.frame import frame_of
-from roundel.scenes.study import load_study
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.sweeps import sweep_keys, sweep_positions
-from roundel.validate.targets import true_targets
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.metrics.sweeps import sweep_keys, sweep_positions
+from roundel.validate.scores.scores import score
 
 SWEPT = POINTS.replace(
     "solve: {",

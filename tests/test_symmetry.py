@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from roundel.scenes.camera import Camera, project
-from roundel.scenes.pose import camera_from_marker_of, normal_of
-from roundel.validate.symmetry import mspd_px, mssd_m
+from roundel.scenes.camera.model import Camera, project
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
+from roundel.validate.metrics.bop import mspd_px, mssd_m
 
 PLAIN = Camera(1280, 720, np.array([[1280.0, 0, 639.5], [0, 1280.0, 359.5], [0, 0, 1.0]]))
 LENS = Camera(1280, 720, PLAIN.K, (-0.2, 0.05, 0.001, -0.0005))

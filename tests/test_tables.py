@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.validate.table_files import WRITERS, csv_text, latex_text, markdown_text, write_tables
-from roundel.validate.tables import Column, Table, clean, shown_rows
+from roundel.validate.tables.table import Column, Table, clean, shown_rows
+from roundel.validate.tables.writers import WRITERS, csv_text, latex_text, markdown_text, write_tables
 
 COLUMNS = (
     Column("method", "Method"),

@@ -10,14 +10,14 @@ from helpers_studies import small_study
 from make_tag_bits import FAMILIES, OUT, text
 
 from roundel.render.run import render_study
-from roundel.scenes.camera import project
+from roundel.scenes.camera.model import project
 from roundel.scenes.errors import UsageError
-from roundel.scenes.frame import Frame, frame_of
-from roundel.scenes.pose import transform_points
-from roundel.scenes.study import load_study
-from roundel.scenes.tags import charuco_grid, tag_cells, tag_grid
-from roundel.solver.solve import solve_dataset
-from roundel.validate.targets import true_targets
+from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.markers.tags import charuco_grid, tag_cells, tag_grid
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import Frame, frame_of
+from roundel.solver.methods.solve import solve_dataset
+from roundel.validate.metrics.ground_truth import true_targets
 
 
 def dictionary(family: str):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.validate.trends import Estimate, decide, decide_all, log_ratio, log_slope, mean_of
+from roundel.validate.statistics.trends import Estimate, decide, decide_all, log_ratio, log_slope, mean_of
 
 
 def planted(slope: float, n: int = 240, seed: int = 0, spread: float = 1.0) -> tuple[np.ndarray, ...]:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from helpers_studies import small_study
 
-from roundel.datasets.truth_table import TRUTH_SCHEMA, truth_table
-from roundel.scenes.camera import undistort_px
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.edge_points import edge_points_of
-from roundel.scenes.frame import frame_of, frames_of
-from roundel.scenes.pose import camera_from_marker_of
-from roundel.scenes.truth import truth_of
+from roundel.datasets.layout.truth_table import TRUTH_SCHEMA, truth_table
+from roundel.scenes.camera.model import undistort_px
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import camera_from_marker_of
+from roundel.scenes.truth.edge_points import edge_points_of
+from roundel.scenes.truth.truth import truth_of
+from roundel.scenes.world.frame import frame_of, frames_of
 
 DISTORTED = ("focal_px: 320", "focal_px: 320, distortion: [-0.3, 0.1, 0.004, -0.003, 0.02]")
 

@@ -7,9 +7,9 @@ import pytest
 from helpers_lenses import FISHEYE, OPENCV, K, image_grid, lens
 
 from roundel.render.backend import start
-from roundel.render.undistort import directions, lens_numbers, undistorted
-from roundel.scenes.camera import Camera, denormalise, distort_normalised, folds_inside_image, ray_direction
-from roundel.scenes.lens_fisheye import image_radius
+from roundel.render.rays.undistort import directions, lens_numbers, undistorted
+from roundel.scenes.camera.lens_fisheye import image_radius
+from roundel.scenes.camera.model import Camera, denormalise, distort_normalised, folds_inside_image, ray_direction
 
 
 @pytest.fixture(scope="module")

@@ -10,14 +10,14 @@ import pyarrow as pa
 import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
-from roundel.validate.drawing import standalone_svg
-from roundel.validate.findings import Finding
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.targets import true_targets
+from roundel.validate.claims.claim import Finding
+from roundel.validate.claims.verdicts import CLAIMS, CONDITION, FALSE, HOLDS, OPEN, _side, verdicts_of
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.figures.svg import standalone_svg
+from roundel.validate.figures.verdicts import verdict_pictures
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import score
 from roundel.validate.validate import validate_dataset
-from roundel.validate.verdict_figures import verdict_pictures
-from roundel.validate.verdicts import CLAIMS, CONDITION, FALSE, HOLDS, OPEN, _side, verdicts_of
 
 DISTANCES, TILTS = (15, 20, 25, 30, 35, 40, 45, 50), (15, 30, 45)
 STUDY: dict[str, Any] = {

@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from roundel.validate.intervals import Interval
-from roundel.validate.worth import (
+from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
     FACTOR,
@@ -22,9 +21,10 @@ from roundel.validate.worth import (
     verdict_of,
     worth_of,
 )
-from roundel.validate.worth_figure import worth_picture
-from roundel.validate.worth_table import worth_table
-from roundel.validate.worth_words import answer, named, where, worth_record
+from roundel.validate.claims.calibration_benefit_text import answer, named, where, worth_record
+from roundel.validate.figures.calibration_benefit import worth_picture
+from roundel.validate.statistics.intervals import Interval
+from roundel.validate.tables.calibration_benefit import worth_table
 
 N = 252
 FRAMES = np.arange(N)

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 from roundel.datasets.dataset import open_dataset
 from roundel.render.run import render_study
-from roundel.scenes.conic import conic_of_circle
-from roundel.scenes.frame import frame_of
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
-from roundel.scenes.study import load_study
-from roundel.solver.circle_pose import poses_from_conic
-from roundel.solver.solve import solve_dataset
-from roundel.validate.records import read_runs
-from roundel.validate.scores import score
-from roundel.validate.targets import true_targets
+from roundel.scenes.geometry.conic import conic_of_circle
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of
+from roundel.solver.methods.solve import solve_dataset
+from roundel.solver.pose.circle_pose import poses_from_conic
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.scores.scores import score
 
 CONFIG = Path(__file__).parent.parent / "configs" / "wrong_focal.yaml"
 FACTORS = ("0.7", "0.85", "1.15", "1.3")

@@ -17,34 +17,40 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.files import POINTS, check_no_dataset, sha256, write_file
+from roundel.datasets.layout.files import POINTS, check_no_dataset, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.calibration import BoardView, calibrate_views, calibration_group, look_for_boards, read_camera
-from roundel.validate.calibration_figures import calibration_pictures
-from roundel.validate.calibrations import several_calibrations
-from roundel.validate.camera_errors import calibration_summary
-from roundel.validate.estimates_file import find_estimates
-from roundel.validate.figure_files import write_figures
-from roundel.validate.figures import pictures
-from roundel.validate.matrix import matrix_pictures
-from roundel.validate.narrative import main_run
-from roundel.validate.overlays import worst
-from roundel.validate.records import read_runs
-from roundel.validate.reference import reference_of
-from roundel.validate.report import Pictures, render_report
-from roundel.validate.report_tables import NAMES, report_tables
-from roundel.validate.robustness import sweep_summary, sweeps_of
-from roundel.validate.robustness_figures import sweep_pictures
-from roundel.validate.scores import Scores, score, sorted_scores
-from roundel.validate.side_by_side import entries_of, method_pairs, pair_tables, side_by_side_pictures
-from roundel.validate.summary import summarise
-from roundel.validate.table_files import write_tables
-from roundel.validate.targets import true_targets
-from roundel.validate.verdict_figures import verdict_pictures
-from roundel.validate.verdicts import verdicts_of
-from roundel.validate.worth import off_axis_deg, worth_of
-from roundel.validate.worth_figure import worth_picture
-from roundel.validate.worth_words import worth_record
+from roundel.validate.calibration.camera_errors import calibration_summary
+from roundel.validate.calibration.chessboard_reference import reference_of
+from roundel.validate.calibration.opencv import (
+    BoardView,
+    calibrate_views,
+    calibration_group,
+    look_for_boards,
+    read_camera,
+)
+from roundel.validate.calibration.study_calibrations import several_calibrations
+from roundel.validate.claims.calibration_benefit import off_axis_deg, worth_of
+from roundel.validate.claims.calibration_benefit_text import worth_record
+from roundel.validate.claims.robustness import sweep_summary, sweeps_of
+from roundel.validate.claims.verdicts import verdicts_of
+from roundel.validate.estimates.reader import find_estimates
+from roundel.validate.estimates.runs import read_runs
+from roundel.validate.figures.calibration import calibration_pictures
+from roundel.validate.figures.calibration_benefit import worth_picture
+from roundel.validate.figures.error_curves import pictures
+from roundel.validate.figures.errors_by_variable import matrix_pictures
+from roundel.validate.figures.overlays import worst
+from roundel.validate.figures.robustness import sweep_pictures
+from roundel.validate.figures.side_by_side import entries_of, method_pairs, pair_tables, side_by_side_pictures
+from roundel.validate.figures.verdicts import verdict_pictures
+from roundel.validate.figures.writers import write_figures
+from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.report.report import Pictures, render_report
+from roundel.validate.report.summary_text import main_run
+from roundel.validate.scores.scores import Scores, score, sorted_scores
+from roundel.validate.scores.summary import summarise
+from roundel.validate.tables.report import NAMES, report_tables
+from roundel.validate.tables.writers import write_tables
 
 SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from roundel.render.run import render_study
-from roundel.scenes.layers import laid_over, preset_names
+from roundel.scenes.study.layers import laid_over, preset_names
 
 HERE = Path(__file__).parent
 TILE, CAPTION, GAP = (320, 240), 40, 8

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from roundel.scenes.conic import conic_of_circle, conic_of_ellipse, ellipse_of_conic, ellipse_points
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_conic, poses_from_ellipse
-from roundel.solver.ellipse import FailedFit, fit_ellipse
+from roundel.scenes.geometry.conic import conic_of_circle, conic_of_ellipse, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import FailedFit, fit_ellipse
+from roundel.solver.pose.circle_pose import poses_from_conic, poses_from_ellipse
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from ambiguity import PAPER_K, Array, criterion, pencil
 from focal import FACTORS, normal_bias_deg
 from precision import BLURS, DISTANCES, RADII, RADIUS, TILTS, pose_on_axis, shrinkage, simulated
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_points
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.pose import camera_from_marker_of, normal_of
-from roundel.solver.circle_pose import poses_from_conic
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
+from roundel.solver.pose.circle_pose import poses_from_conic
 
 HERE = Path(__file__).parent
 # Okabe and Ito's palette, which the colour-blind tell apart.

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from ambiguity import table
 
-from roundel.scenes.conic import conic_of_circle
-from roundel.scenes.frame import frame_of
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
-from roundel.scenes.study import load_study
-from roundel.solver.circle_pose import poses_from_conic
-from roundel.solver.intrinsics import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM
+from roundel.scenes.geometry.conic import conic_of_circle
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
+from roundel.scenes.study.study import load_study
+from roundel.scenes.world.frame import frame_of
+from roundel.solver.intrinsics.specification import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM
+from roundel.solver.pose.circle_pose import poses_from_conic
 
 STUDY = Path(__file__).parents[2] / "configs" / "wrong_focal.yaml"
 FACTORS = (0.7, 0.85, 1.15, 1.3)
@@ -59,10 +59,10 @@ def study_scores(folder: Path) -> dict[tuple[str, str, int], list[tuple[float, f
     """Run the study: (azimuth, normal error in deg, position error in %) by group, intrinsics and distance in D."""
     from roundel.datasets.dataset import open_dataset
     from roundel.render.run import render_study
-    from roundel.solver.solve import solve_dataset
-    from roundel.validate.records import read_runs
-    from roundel.validate.scores import score
-    from roundel.validate.targets import true_targets
+    from roundel.solver.methods.solve import solve_dataset
+    from roundel.validate.estimates.runs import read_runs
+    from roundel.validate.metrics.ground_truth import true_targets
+    from roundel.validate.scores.scores import score
 
     study = load_study(STUDY)
     render_study(study, folder / "dataset")

@@ -10,12 +10,12 @@ from scipy.optimize import least_squares
 from scipy.special import ndtr
 from scipy.stats import ncx2
 
-from roundel.scenes.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
-from roundel.scenes.information import contour_information, pose_bound
-from roundel.scenes.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.scenes.step_response import curved_distance
-from roundel.solver.circle_pose import poses_from_ellipse
-from roundel.solver.ellipse import FailedFit, fit_ellipse
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_perimeter_px, ellipse_points
+from roundel.scenes.geometry.edge_spread_function import curved_distance
+from roundel.scenes.geometry.information import contour_information, pose_bound
+from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import FailedFit, fit_ellipse
+from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 DISTANCES = (15, 20, 25, 30, 35, 40, 45, 50)
 TILTS = (15, 30, 45)

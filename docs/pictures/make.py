@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from roundel.render.run import render_study
-from roundel.solver.photo_report import line_of
-from roundel.solver.photographs import solve_photographs
+from roundel.solver.photos.photo_report import line_of
+from roundel.solver.photos.photographs import solve_photographs
 
 HERE = Path(__file__).parent
 TRUTH = (0, 190, 160)

@@ -13,9 +13,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from roundel.validate.drawing import Picture, draw_svg, standalone_svg
-from roundel.validate.robustness_figures import draw_sweep, title_of
-from roundel.validate.summary import number
+from roundel.validate.figures.robustness import draw_sweep, title_of
+from roundel.validate.figures.svg import Picture, draw_svg, standalone_svg
+from roundel.validate.scores.summary import number
 
 STUDIES = (
     "noise",

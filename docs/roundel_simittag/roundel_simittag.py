@@ -3,7 +3,7 @@
 import numpy as np
 from simittag.detect import detect_markers
 
-from roundel.solver.own_method import Found, View
+from roundel.solver.methods.plugin import Found, View
 
 
 def find(view: View) -> list[Found]:

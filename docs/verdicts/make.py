@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from roundel.datasets.dataset import open_dataset
-from roundel.validate.figure_files import FOLDER
-from roundel.validate.summary import number
+from roundel.validate.figures.writers import FOLDER
+from roundel.validate.scores.summary import number
 
 _INTERVAL = ("value", "low", "high")
 

@@ -1,0 +1,90 @@
+"""The pattern of a print as closed edges: circles and polygons, each with the step of reflectance inside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.markers.marker import Bar, Checker, Disc, Shape, Sheet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A closed edge in the plane of a sheet, and by how much the reflectance rises inside it.
+
+    A circle of `radius_m` about (x_m, y_m), or else a polygon of `corners_m` (n, 2), counterclockwise seen from the
+    front. `softness_m` is the width of its ramp.
+    """
+
+    step: float
+    softness_m: float
+    x_m: float = 0.0
+    y_m: float = 0.0
+    radius_m: float = 0.0
+    corners_m: Array | None = None
+
+    def points_m(self, count: int, ramp: Array) -> tuple[Array, Array]:
+        """Coordinates (m, count) of points along it, for m places (m, 2) on its ramp; clockwise seen from the front."""
+        shift = self.softness_m * ramp
+        if self.corners_m is None:
+            turn = -2 * np.pi * np.arange(count) / count
+            # A little outside, so that the polygon has the circle's area.
+            swell = np.sqrt(2 * np.pi / count / np.sin(2 * np.pi / count))
+            radius = (self.radius_m + shift[:, :1]) * swell
+            return self.x_m + radius * np.cos(turn), self.y_m + radius * np.sin(turn)
+        # y points down in the image: seen there, the way back along the corners goes from +x toward +y.
+        corners = self.corners_m[::-1]
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        counts = np.maximum(1, np.round(count * lengths / lengths.sum())).astype(np.int64)
+        sides = [
+            a + (b - a) * (np.arange(n) / n)[:, None]
+            for a, b, n in zip(corners, np.roll(corners, -1, axis=0), counts, strict=True)
+        ]
+        line = np.concatenate(sides)
+        return line[:, 0] + shift[:, :1], line[:, 1] + shift[:, 1:]
+
+
+def _rectangle(x: float, y: float, width: float, height: float, turn_deg: float = 0.0) -> Array:
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    half = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
+    return np.asarray(np.array([x, y]) + half @ np.array([[c, s], [-s, c]]), dtype=np.float64)
+
+
+def _of_shape(shape: Shape, beneath: float, softness_m: float) -> list[Outline]:
+    step = shape.reflectance - beneath
+    if isinstance(shape, Disc):
+        return [Outline(step, softness_m, shape.x_m, shape.y_m, shape.radius_m)]
+    if isinstance(shape, Bar):
+        sides = shape.length_m, shape.width_m, shape.turn_deg
+        return [Outline(step, softness_m, corners_m=_rectangle(shape.x_m, shape.y_m, *sides))]
+    if isinstance(shape, Checker):
+        side = shape.square_m
+        places = [
+            (shape.x_m + (i - shape.columns / 2) * side, shape.y_m + (shape.rows / 2 - j) * side)
+            for j in range(shape.rows + 1)
+            for i in range(shape.columns + 1)
+            if (i + j) % 2 == 0
+        ]
+        return [Outline(step, softness_m, corners_m=_rectangle(x, y, side, side)) for x, y in places]
+    raise TypeError(f"no outlines of a {type(shape).__name__}")
+
+
+def outlines_of(sheet: Sheet) -> tuple[Outline, list[Outline]]:
+    """The border of a sheet, and the edges of its ink; shapes lie beside or within one another, as all kinds do.
+
+    The sum of steps times what is inside, on top of the wall's reflectance, is the reflectance of the print.
+    """
+    low, high = np.array(sheet.low_m), np.array(sheet.high_m)
+    border = Outline(sheet.paper - sheet.wall, 0.0, corners_m=_rectangle(*(low + high) / 2, *(high - low)))
+    edges: list[Outline] = []
+    for i, shape in enumerate(sheet.shapes):
+        beneath = sheet.paper
+        for below in sheet.shapes[:i]:
+            if isinstance(below, Disc) and np.hypot(shape.x_m - below.x_m, shape.y_m - below.y_m) < below.radius_m:
+                beneath = below.reflectance
+        edges += _of_shape(shape, beneath, sheet.edge_softness_m)
+    return border, edges

@@ -1,0 +1,105 @@
+"""The fidelity of a dataset, from that of its circles: in figures, over all and by effect, and in a few lines."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from roundel.datasets.fidelity.pixel_test import LEVEL
+
+_SHIFTS = ("shift_x_px", "shift_y_px", "scale_px")
+
+
+def summarise(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The fidelity of a dataset, as its manifest has it.
+
+    Parameters
+    ----------
+    measured : sequence of dict
+        What `measure_circle` returned, circle by circle.
+
+    Returns
+    -------
+    dict
+        `circles`, how many were measured (the same rays under several sensors count once). For each of
+        `shift_x_px`, `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and
+        the `worst` absolute value; `shift_bound_px`, what the mean shifts stay within at 95 %; `residual`,
+        `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the test of their pixels,
+        and `z_consistent`, whether no more failed than such a test lets fail by chance. `by_effect`: the same
+        for each effect. `unmeasured`: how many circles were left out, by reason.
+    """
+    # Levels of a sweep that differ in the sensor alone were traced with the same rays: one measurement, not several.
+    found = list({tuple(sorted(m.items())): m for m in measured if "reason" not in m}.values())
+    reasons = Counter(m["reason"] for m in measured if "reason" in m)
+    left_out = {"unmeasured": dict(sorted(reasons.items()))} if reasons else {}
+    if not found:
+        reason = reasons.most_common(1)[0][0] if reasons else "no circle that was rendered"
+        return {"circles": 0, "reason": reason, **left_out}
+    effects = sorted({m["effect"] for m in found})
+    by_effect = {effect: _figures([m for m in found if m["effect"] == effect]) for effect in effects}
+    return {**_figures(found), "by_effect": by_effect, **left_out}
+
+
+def _figures(found: list[dict[str, Any]]) -> dict[str, Any]:
+    from scipy.stats import binom
+    from scipy.stats import t as student
+
+    count = len(found)
+    out: dict[str, Any] = {"circles": count}
+    for key in _SHIFTS:
+        values = np.array([m[key] for m in found])
+        # One circle has no scatter; its own standard error stands in.
+        if count > 1:
+            half = float(student.ppf(0.975, count - 1) * values.std(ddof=1) / np.sqrt(count))
+        else:
+            half = 1.96 * found[0]["shift_se_px"]
+        out[key] = {"mean": float(values.mean()), "ci95": half, "worst": float(np.abs(values).max())}
+    out["shift_bound_px"] = max(abs(out[key]["mean"]) + out[key]["ci95"] for key in _SHIFTS[:2])
+    for key in ("residual", "monte_carlo", "z_rms"):
+        out[key] = float(np.sqrt(np.mean([m[key] ** 2 for m in found])))
+    passed = sum(bool(m["z_passed"]) for m in found)
+    out["z_passed"] = passed
+    out["z_consistent"] = bool(count - passed <= binom.ppf(1 - LEVEL, count, LEVEL))
+    return out
+
+
+def fidelity_lines(fidelity: dict[str, Any] | None) -> list[str]:
+    """A manifest's fidelity in a few lines of text."""
+    measured = fidelity or {}
+    if not measured.get("circles"):
+        return [f"fidelity: not measured ({measured.get('reason', 'no circles')})"]
+    x, y, scale = (measured[key] for key in _SHIFTS)
+    lines = [
+        f"fidelity over {_circles(measured)}, image against float64 prediction: "
+        f"shift x {_interval(x)}, y {_interval(y)}, size {_interval(scale)}; "
+        f"edge residual {100 * measured['residual']:.2f} % of the contrast "
+        f"(Monte-Carlo error {100 * measured['monte_carlo']:.2f} %); {_test(measured)}"
+    ]
+    by_effect = measured.get("by_effect", {})
+    if set(by_effect) - {"sharp"}:
+        lines += [
+            f"  {effect.replace('_', ' ')}: {_circles(figures)}, shift within {figures['shift_bound_px']:.4f} px at "
+            f"95 %, {_test(figures)}"
+            for effect, figures in by_effect.items()
+        ]
+    if "unmeasured" in measured:
+        lines.append("  not measured: " + ", ".join(f"{n} ({why})" for why, n in measured["unmeasured"].items()))
+    return lines
+
+
+def _circles(figures: dict[str, Any]) -> str:
+    return f"{figures['circles']} circle{'s' if figures['circles'] != 1 else ''}"
+
+
+def _interval(figure: dict[str, float]) -> str:
+    return f"{figure['mean']:+.5f} +- {figure['ci95']:.5f} px"
+
+
+def _test(figures: dict[str, Any]) -> str:
+    if "z_passed" not in figures:
+        return "pixels not tested"
+    verdict = "" if figures["z_consistent"] else ": more than chance allows fail"
+    return f"pixel test passed by {figures['z_passed']} of {figures['circles']}{verdict}"

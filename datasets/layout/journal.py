@@ -1,0 +1,60 @@
+"""The journal: one line a finished frame, appended when its files are safe; a frame is done when both agree."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from roundel.datasets.layout import files
+from roundel.scenes.errors import DataError
+
+Entry = dict[str, Any]
+
+
+def line_of(entry: Entry) -> str:
+    """An entry as its line: the same bytes for the same entry."""
+    return json.dumps(entry, sort_keys=True, separators=(",", ":"))
+
+
+def append(dataset: Path, entry: Entry) -> None:
+    """Record a finished frame. Its files must be safe already."""
+    files.append_line(dataset / files.JOURNAL, line_of(entry))
+
+
+def read(dataset: Path) -> dict[int, Entry]:
+    """Entries by frame id. A last line cut short by a crash is dropped; any other broken line is an error."""
+    path = dataset / files.JOURNAL
+    if not path.is_file():
+        return {}
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot read the journal; remove it to render again") from error
+    entries: dict[int, Entry] = {}
+    lines = text.split("\n")
+    for number, line in enumerate(lines, start=1):
+        if not line:
+            continue
+        try:
+            entry = json.loads(line)
+            entries[int(entry["frame_id"])] = entry
+        except (ValueError, KeyError, TypeError) as error:
+            if number == len(lines):
+                break
+            raise DataError(f"{path}:{number}: this line is corrupt; remove it to render its frame again") from error
+    return entries
+
+
+def rewrite(dataset: Path, entries: dict[int, Entry]) -> None:
+    """Write the journal sorted by frame: its bytes no longer tell in which order the frames were made."""
+    text = "".join(line_of(entries[i]) + "\n" for i in sorted(entries))
+    files.write_file(dataset / files.JOURNAL, text.encode())
+
+
+def is_done(dataset: Path, entry: Entry) -> bool:
+    """Whether the entry's files are all there with the sizes it recorded."""
+    try:
+        return all((dataset / name).stat().st_size == record["bytes"] for name, record in entry["files"].items())
+    except OSError:
+        return False

@@ -1,0 +1,113 @@
+"""Markers to print: a section of a study for each kind, all of whose sizes follow from one diameter."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from roundel.scenes.errors import StudyError, UsageError
+from roundel.scenes.study.marker_section import CIRCULAR, KINDS
+from roundel.scenes.study.study import validated
+
+DEFAULT_DIAMETER_M = 0.08
+
+# In diameters, where nothing else is asked for.
+_OF_DIAMETER: dict[str, dict[str, float]] = {
+    "ring": {"inner_diameter_m": 0.5},
+    "two_discs": {"second_diameter_m": 0.5, "spacing_m": 1.0},
+    "dot_ring": {"ring_diameter_m": 2.5},
+    "disc_with_chessboard": {"gap_m": 0.25},
+}
+_RINGS = (1.0, 0.7, 0.4)
+# simittag's s16m, ID 0x1234: four rings of 24 cells.
+_CODE = ("111010110010110100010010", "000000000101011110010010", "000000110001001011010001", "000000001111000010000111")
+_BOARDS: dict[str, dict[str, Any]] = {
+    "chessboard": {"columns": 8, "rows": 5, "square_m": 0.02},
+    "charuco": {"columns": 8, "rows": 5, "square_m": 0.022, "tag_m": 0.016},
+    "tags": {"tag_m": 0.08},
+    "dot_ring": {"dots": 6},
+    "coded_rings": {"code": list(_CODE)},
+}
+# What a printer, the paper and the room do by themselves.
+_RENDERED = ("ink", "paper", "wall", "edge_softness_m", "grain", "grain_m", "surface", "clutter")
+
+
+def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -> Any:
+    """Section of the marker that is to be printed.
+
+    Parameters
+    ----------
+    kind : str
+        One of `scenes.marker_section.KINDS`.
+    diameter_m : float or None
+        Outer diameter of the circle; of a dot in a ring of dots.
+    keys : dict
+        Keys of the section, laid over the defaults.
+
+    Raises
+    ------
+    UsageError
+        If a kind or key is unknown, or a value is wrong.
+    """
+    if kind not in KINDS:
+        import difflib
+
+        close = difflib.get_close_matches(kind, list(KINDS), n=1)
+        hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(KINDS)}"
+        raise UsageError(f"unknown kind of marker {kind!r}; {hint}")
+    if diameter_m is not None and kind not in CIRCULAR:
+        raise UsageError(f"a {kind} has no diameter; give its sizes by --set, as --set square_m=0.02")
+    for key in keys:
+        if key in _RENDERED:
+            raise UsageError(f"--set {key}: only rendering knows it; a printer does it by itself")
+    try:
+        section: Any = validated(KINDS[kind], _raw(kind, diameter_m, keys), Path(kind), {}, None)
+    except StudyError as error:
+        raise UsageError(f"marker {kind}: {error.reason}") from error
+    drawn = [name for name, value in section if type(value).__name__ == "Spread"]
+    if drawn:
+        raise UsageError(f"--set {drawn[0]}: a print has one size; give a number")
+    return section
+
+
+def _raw(kind: str, diameter_m: float | None, keys: dict[str, Any]) -> dict[str, Any]:
+    raw: dict[str, Any] = {"kind": kind, **_BOARDS.get(kind, {})}
+    if kind in CIRCULAR:
+        diameter = DEFAULT_DIAMETER_M if diameter_m is None else diameter_m
+        if kind == "rings":
+            raw["diameters_m"] = [round(diameter * share, 9) for share in _RINGS]
+        else:
+            raw["diameter_m"] = diameter
+            raw |= {name: round(diameter * share, 9) for name, share in _OF_DIAMETER.get(kind, {}).items()}
+        if kind == "disc_with_chessboard":
+            raw["chessboard"] = {"columns": 4, "rows": 3, "square_m": round(diameter / 4, 9)}
+    for name, value in keys.items():
+        outer, dot, inner = name.partition(".")
+        if dot:
+            raw[outer] = (
+                {**raw.get(outer, {}), inner: value} if isinstance(raw.get(outer, {}), dict) else {inner: value}
+            )
+        else:
+            raw[name] = value
+    return raw
+
+
+def parse_set(texts: list[str]) -> dict[str, Any]:
+    """Arguments `KEY=VALUE` as a mapping; values are numbers, true, false, or lists as in JSON.
+
+    Raises
+    ------
+    UsageError
+        If one is not of this form.
+    """
+    out: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise UsageError(f"--set {text}: give KEY=VALUE, as inner_diameter_m=0.04")
+        try:
+            out[key.strip()] = json.loads(value)
+        except ValueError:
+            out[key.strip()] = value.strip()
+    return out

@@ -1,0 +1,88 @@
+"""From linear radiance to the image that is delivered: exposure, sensor, colours, curve; with what is known of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.render.sensor.curve import delivered, delivered_levels
+from roundel.render.sensor.data_sheet import DataSheet, data_sheet
+from roundel.render.sensor.exposure import balance_of, exposure_of, sheet_pixels, whites
+from roundel.render.sensor.photometry import edge_photometry, noise_dn
+from roundel.render.sensor.sensor import expose
+from roundel.scenes.world.frame import Frame
+
+# A sheet is burnt out, flagged `saturated`, when this much of it is.
+_BURNT_OUT = 0.99
+
+
+@dataclass(frozen=True)
+class Developed:
+    """A developed frame.
+
+    Attributes
+    ----------
+    image : (H, W) or (H, W, 3) array
+        As its file holds it, uint8 or uint16.
+    exposure_e : float
+        Electrons that a radiance of 1 collected.
+    sheet : DataSheet
+    balance : (3,) array, optional
+        Factors of red, green, blue; of a colour image only.
+    saturated_fraction : float
+        Of the pixels, at the converter.
+    flags : tuple of str
+        `saturated`: at least 99 % of the marker's sheet is. `dark`: there was no light to expose for, or the brightest
+        pixel of the sheet lies less than 1 DN above black.
+    """
+
+    image: NDArray[Any]
+    exposure_e: float
+    sheet: DataSheet
+    balance: NDArray[np.float64] | None
+    saturated_fraction: float
+    flags: tuple[str, ...]
+
+    def noise_dn(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Standard deviation (H, W) of each pixel in the file's DN; see `photometry.noise_dn`."""
+        return noise_dn(radiance, self.exposure_e, self.sheet).astype(np.float32)
+
+    def edge(self, radiance: NDArray[np.float32], coverage: NDArray[np.float32]) -> dict[str, float | None]:
+        """Contrast and noise at the edge of the marker of this coverage; see `photometry.edge_photometry`."""
+        return edge_photometry(radiance, coverage, self.exposure_e, self.sheet, self.balance)
+
+    def record(self) -> dict[str, Any]:
+        """The sensor's entry in cameras.json: its data sheet, where the file saturates, the white balance."""
+        full = float(delivered_levels(self.sheet.saturation_dn, self.sheet))
+        kept = {**self.sheet.record(), "saturation_dn": round(full)}
+        if self.balance is not None:
+            kept["white_balance"] = self.balance.tolist()
+        return kept
+
+
+def develop(frame: Frame, radiance: NDArray[np.float32]) -> Developed:
+    """Develop a frame from its linear radiance (H, W).
+
+    The same frame and radiance give the same bytes: noise and fixed patterns come from the frame's own seeds.
+    """
+    section = frame.settings.sensor
+    sheet = data_sheet(section, frame.motion.exposure_s)
+    pixels = sheet_pixels(frame)
+    white = whites(radiance, pixels, sheet.mosaic)
+    exposure_e = exposure_of(white, section)
+    balance = balance_of(white, section) if sheet.colour else None
+    numbers = expose(radiance, exposure_e, sheet, frame.noise_seed, frame.sensor_seed)
+    saturated = numbers >= max(sheet.saturation_dn, 1)
+    flags = []
+    if saturated[pixels].mean() >= _BURNT_OUT:
+        flags.append("saturated")
+    # Judged without its noise: the same at every seed.
+    one_dn = (2**sheet.adc_bits - 1) / (2**sheet.bits - 1)
+    if float(radiance[pixels].max()) * exposure_e * sheet.gain_dn_per_e < one_dn:
+        flags.append("dark")
+    return Developed(
+        delivered(numbers, sheet, balance), exposure_e, sheet, balance, float(saturated.mean()), tuple(flags)
+    )

@@ -1,0 +1,78 @@
+"""The keys of a camera and of its motion: the lens, the shutter, the twists."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from roundel.scenes.camera.model import lens_problem
+from roundel.scenes.study.section import Section
+from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Turn
+
+
+class CameraSection(Section):
+    """A camera: its focal length in pixels, or a lens in millimetres with the sensor's pixel pitch."""
+
+    width_px: int = Field(ge=16, le=20_000)
+    height_px: int = Field(ge=16, le=20_000)
+    focal_px: Positive | None = None
+    focal_mm: Positive | None = None
+    pixel_pitch_um: Positive | None = None
+    aspect: Positive = Field(default=1.0, description="fy / fx")
+    skew_px: AnyValue = Field(default=0.0, description="K[0, 1]")
+    principal_point_x_px: AnyValue | None = None
+    principal_point_y_px: AnyValue | None = None
+    distortion_model: Literal["opencv", "fisheye"] = "opencv"
+    distortion: list[AnyValue] = Field(
+        default=[],
+        description="OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; fisheye: k1 k2 k3 k4",
+    )
+    f_number: Positive | None = None
+    aperture_mm: NonNegative | None = Field(default=None, description="diameter; 0 is a pinhole")
+    focus_m: Positive | None = None
+    blades: Literal[0, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12] = Field(default=0, description="0: a round aperture")
+    blade_turn_deg: Turn = Field(default=0.0, description="of the first corner, from +x toward +y")
+    diffraction: bool = Field(default=False, description="the Airy pattern of the aperture")
+    wavelengths_nm: list[Positive] = Field(
+        default=[550.0], min_length=1, max_length=16, description="mixed evenly; with a mosaic three: red, green, blue"
+    )
+    natural_vignetting: bool = Field(default=False, description="cos^4 of the field angle")
+    barrel_mm: Positive | None = Field(default=None, description="diameter of the lens barrel's front opening")
+    barrel_length_mm: NonNegative = Field(default=0.0, description="of that opening before the aperture")
+    focal_35mm_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraSection:
+        if (self.focal_px is None) == (self.focal_mm is None):
+            raise ValueError("give either focal_px or focal_mm (with pixel_pitch_um)")
+        if self.focal_mm is not None and self.pixel_pitch_um is None:
+            raise ValueError("focal_mm needs pixel_pitch_um")
+        problem = lens_problem(self.distortion_model, (0.0,) * len(self.distortion))
+        if problem:
+            raise ValueError(problem)
+        if self.f_number is not None and (self.aperture_mm is not None or self.focal_mm is None):
+            raise ValueError("f_number goes with focal_mm; with focal_px give aperture_mm")
+        has_aperture = self.f_number is not None or self.aperture_mm is not None
+        if has_aperture and self.focus_m is None:
+            raise ValueError("an aperture needs focus_m, the distance in focus")
+        if not has_aperture and (self.diffraction or self.barrel_mm is not None):
+            raise ValueError("diffraction and a barrel need an aperture: give f_number or aperture_mm, and focus_m")
+        return self
+
+
+class TwistSection(Section):
+    """A constant velocity, in the moving body's own frame, through mid-exposure of the marker's centre row."""
+
+    velocity_m_s: list[AnyValue] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
+    rate_deg_s: list[AnyValue] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
+
+
+class MotionSection(Section):
+    """When each row is exposed, and what moves meanwhile."""
+
+    exposure_s: NonNegative = Field(default=0.01, description="of each row")
+    readout_s: NonNegative = Field(default=0.0, description="first to last row; 0 is a global shutter")
+    frame_s: Positive = Field(default=1.0, description="between two frames; an exposure must fit in")
+    camera: TwistSection = TwistSection()
+    marker: TwistSection = TwistSection()

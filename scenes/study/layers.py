@@ -1,0 +1,53 @@
+"""Layers of a study: a preset, over it what all groups share, over it a group's own keys."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from roundel.scenes.study.values import is_spread
+from roundel.scenes.study.yaml_reader import read_yaml
+
+# Of these one is given, not both: one that is said takes the place of the other from below.
+_EITHER = (
+    {"frames", "frames_per_cell"},
+    {"focal_px", "focal_mm"},
+    {"f_number", "aperture_mm"},
+    {"distance_m", "distance_D"},
+    {"exposure_e", "exposure_ph"},
+    {"map", "sky"},
+)
+
+
+def laid_over(below: Any, own: Any) -> Any:
+    """`own` over `below`: mappings merge key by key; a spread, a list, a section of another kind replaces."""
+    if not (isinstance(below, dict) and isinstance(own, dict)) or is_spread(below) or is_spread(own):
+        return own
+    if "kind" in own and "kind" in below and own["kind"] != below["kind"]:
+        return own
+    kept = {k: v for k, v in below.items() if not any(k in pair and (pair - {k}) & set(own) for pair in _EITHER)}
+    return {**kept, **{k: laid_over(kept[k], v) if k in kept else v for k, v in own.items()}}
+
+
+@lru_cache(maxsize=1)
+def _presets() -> dict[str, Any]:
+    raw, _ = read_yaml(Path(__file__).with_name("presets.yaml"))
+    assert isinstance(raw, dict)
+    return raw
+
+
+def preset_names() -> list[str]:
+    """The presets that a study may name."""
+    return list(_presets())
+
+
+def preset(name: str) -> dict[str, Any]:
+    """The keys of a preset, as a study would have them.
+
+    Raises
+    ------
+    KeyError
+        If there is none of this name.
+    """
+    return dict(_presets()[name])

@@ -1,0 +1,97 @@
+"""An environment map as a file: there, an OpenEXR image of a bearable size, and the one that was meant.
+
+Only the header is read here (OpenEXR, "File Layout": magic number, version, then attributes of name, type, size and
+value, ended by a zero byte); the renderer decodes the pixels.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from pathlib import Path
+
+from roundel.scenes.study.light_section import MapSection
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_MAX_HEADER_BYTES = 1_000_000
+
+MAX_WIDTH_PX = 16_384
+MAX_BYTES = 1_000_000_000
+
+# An equirectangular map spans 360 by 180 degrees; a pixel more or less is forgiven.
+_ASPECT = (1.9, 2.1)
+
+
+def map_sha256(folder: Path, section: MapSection) -> str:
+    """Checksum of the map that a study in `folder` names.
+
+    Returns
+    -------
+    str
+        Of the file; the recorded one where there is no file, as beside a dataset's own study.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing, no map, enormous, or not the one that was recorded.
+    """
+    if Path(section.file).is_absolute():
+        raise ValueError(f"{section.file} is an absolute path; name the map relative to the study")
+    path = folder / section.file
+    if not path.is_file():
+        if section.sha256 is not None:
+            return section.sha256
+        raise ValueError(f"no such file: {section.file}; put the map there, relative to the study")
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ValueError(f"{section.file}: {size / 1e9:.1f} GB is too large for a map; scale it down")
+        with path.open("rb") as file:
+            _check_size(section.file, *_size_and_channels(section.file, file.read(_MAX_HEADER_BYTES)))
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ValueError(f"{section.file}: cannot be read ({error.strerror})") from error
+    if section.sha256 not in (None, digest):
+        raise ValueError(
+            f"{section.file}: is not the map that was recorded (sha256 {digest[:12]}, not {section.sha256[:12]}); "
+            "restore it, or remove sha256"
+        )
+    return digest
+
+
+def _size_and_channels(name: str, header: bytes) -> tuple[int, int, int]:
+    """Width, height and number of channels of an EXR file from its first bytes."""
+    if not header.startswith(_MAGIC):
+        raise ValueError(f"{name}: is not an OpenEXR file")
+    found: dict[str, bytes] = {}
+    at = 8  # past the version
+    try:
+        while header[at] != 0:
+            end = header.index(0, at)
+            key = header[at:end].decode("latin-1")
+            at = header.index(0, end + 1) + 1
+            (size,) = struct.unpack_from("<i", header, at)
+            if size < 0:
+                raise ValueError
+            found[key] = header[at + 4 : at + 4 + size]
+            at += 4 + size
+        x0, y0, x1, y1 = struct.unpack("<4i", found["dataWindow"])
+        channels, at = 0, 0
+        while found["channels"][at] != 0:
+            # A name, then its type, four flags and two steps: 16 bytes.
+            at = found["channels"].index(0, at) + 17
+            channels += 1
+    except (IndexError, KeyError, ValueError, struct.error) as error:
+        raise ValueError(f"{name}: its header is truncated or corrupt; get the file anew") from error
+    return x1 - x0 + 1, y1 - y0 + 1, channels
+
+
+def _check_size(name: str, width: int, height: int, channels: int) -> None:
+    if width > MAX_WIDTH_PX or 4 * width * height * channels > MAX_BYTES:
+        raise ValueError(
+            f"{name}: {width} x {height} pixels of {channels} channels are too many; scale it down "
+            f"(at most {MAX_WIDTH_PX} wide, 1 GB decoded)"
+        )
+    if width < 4 or height < 2 or not _ASPECT[0] <= width / height <= _ASPECT[1]:
+        raise ValueError(f"{name}: {width} x {height} pixels; an equirectangular map is twice as wide as high")

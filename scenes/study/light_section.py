@@ -1,0 +1,127 @@
+"""The keys of light, and of what stands in its way."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from roundel.scenes.study.section import Section
+from roundel.scenes.study.values import AnyValue, Elevation, Fraction, NonNegative, Positive, Turbidity, Turn
+
+# Relative red, green and blue of a light; only a sensor with a mosaic tells them apart.
+Colour = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
+Place = Annotated[list[AnyValue], Field(min_length=3, max_length=3)]
+_WHITE = [1.0, 1.0, 1.0]
+
+
+class AreaLampSection(Section):
+    """A square area light; it faces the marker."""
+
+    kind: Literal["area"] = "area"
+    position_m: Place = Field(description="in the camera frame")
+    size_m: Positive
+    radiance: NonNegative
+    colour: Colour = _WHITE
+
+
+class PointLampSection(Section):
+    """A light without extent: irradiance at distance d is intensity cos / d^2."""
+
+    kind: Literal["point"]
+    position_m: Place = Field(description="in the camera frame")
+    intensity: NonNegative
+    colour: Colour = _WHITE
+
+
+class SpotLampSection(Section):
+    """A point light in a cone that faces the marker, its edge soft from `beam_deg` to `cutoff_deg`."""
+
+    kind: Literal["spot"]
+    position_m: Place = Field(description="in the camera frame")
+    intensity: NonNegative
+    cutoff_deg: Annotated[Positive, Field(description="half angle beyond which there is no light")] = 20.0
+    beam_deg: Annotated[Positive, Field(description="half angle of full intensity")] = 15.0
+    aim_x_m: AnyValue = Field(default=0.0, description="where it aims, in the marker's plane")
+    aim_y_m: AnyValue = 0.0
+    colour: Colour = _WHITE
+
+    @model_validator(mode="after")
+    def _beam_within_cutoff(self) -> SpotLampSection:
+        # Spreads are held against each other when they are drawn.
+        cutoff, beam = self.cutoff_deg, self.beam_deg
+        if isinstance(cutoff, float) and cutoff > 90:
+            raise ValueError("cutoff_deg is a half angle: at most 90")
+        if isinstance(cutoff, float) and isinstance(beam, float) and beam >= cutoff:
+            raise ValueError("beam_deg must be smaller than cutoff_deg")
+        return self
+
+
+def _kind(raw: Any) -> str:
+    """The kind of a lamp; one that does not say is an area light."""
+    return str(raw.get("kind", "area") if isinstance(raw, dict) else getattr(raw, "kind", "area"))
+
+
+Lamp = Annotated[
+    Annotated[AreaLampSection, Tag("area")]
+    | Annotated[PointLampSection, Tag("point")]
+    | Annotated[SpotLampSection, Tag("spot")],
+    Discriminator(_kind),
+]
+LAMPS: dict[str, type[Section]] = {"area": AreaLampSection, "point": PointLampSection, "spot": SpotLampSection}
+
+
+class MapSection(Section):
+    """An environment map: an equirectangular (latitude-longitude) OpenEXR file, up is -y of the camera frame."""
+
+    file: str = Field(min_length=1, description="relative to the study")
+    sha256: str | None = Field(
+        default=None, pattern="^[0-9a-f]{64}$", description="of the file; filled in when the study is read"
+    )
+    scale: NonNegative = 1.0
+    turn_deg: Turn = Field(
+        default=0.0, description="about the vertical, from +z toward +x; at 0 the camera looks at the map's middle"
+    )
+
+
+class SkySection(Section):
+    """A clear sky and its sun (Hosek and Wilkie 2012, 2013; Mitsuba's `sunsky`); up is -y of the camera frame."""
+
+    sun_elevation_deg: Elevation = 45.0
+    sun_azimuth_deg: Turn = Field(
+        default=160.0, description="from +z (where the camera looks) toward +x; 180 is behind"
+    )
+    turbidity: Turbidity = 3.0
+    sun: NonNegative = Field(default=1.0, description="factor on the sun's radiance; 0 is a clouded sun")
+    scale: NonNegative = Field(
+        default=2.0, description="factor on both; at 2 a sheet in the sun is as bright as under an environment of 1"
+    )
+
+
+class LightSection(Section):
+    """An environment (constant, a map, or sun and sky) and lamps; radiance in arbitrary but common units."""
+
+    environment: NonNegative = 1.0
+    environment_colour: Colour = _WHITE
+    map: MapSection | None = None
+    sky: SkySection | None = None
+    lamps: list[Lamp] = Field(default=[], max_length=8)
+
+    @model_validator(mode="after")
+    def _one_environment(self) -> LightSection:
+        if self.map is not None and self.sky is not None:
+            raise ValueError("give a map or a sky, not both; either takes the constant environment's place")
+        return self
+
+
+class OccluderSection(Section):
+    """A flat thing before the print, parallel to it: between camera and marker it hides, off their line it shades."""
+
+    shape: Literal["disc", "rectangle"] = "rectangle"
+    x_m: AnyValue = Field(default=0.0, description="of its centre, in the marker's frame")
+    y_m: AnyValue = 0.0
+    z_m: Positive = Field(description="height above the print")
+    width_m: Positive
+    height_m: Positive | None = Field(default=None, description="default: the width; of no meaning for a disc")
+    turn_deg: Turn = 0.0
+    reflectance: Fraction = 0.3

@@ -1,0 +1,194 @@
+"""The keys of a marker: what is printed, on what paper, and what the wall behind it looks like."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from roundel.scenes.study.section import Section
+from roundel.scenes.study.values import Fraction, Index, NonNegative, Positive, Roughness, Turn
+
+TagFamily = Literal["aruco_4x4_50", "aruco_5x5_100", "aruco_6x6_250", "apriltag_36h11"]
+
+
+class SurfaceSection(Section):
+    """How print and paper reflect: matte, or under a gloss."""
+
+    kind: Literal["matte", "plastic", "laminate"] = Field(
+        default="matte", description="plastic: rough dielectric coat (GGX); laminate: principled, with a clear coat"
+    )
+    roughness: Roughness = Field(default=0.1, description="GGX alpha of the gloss")
+    ior: Index = Field(default=1.5, description="refractive index of the gloss")
+
+
+class ClutterSection(Section):
+    """Random discs and squares on the wall, one a cell, drawn anew for each frame."""
+
+    cell_m: Positive
+    contrast: Fraction = Field(default=0.5, description="how far their reflectance may lie from the wall's")
+
+
+class _Print(Section):
+    ink: Fraction = 0.05
+    paper: Fraction = 0.80
+    wall: Fraction = Field(default=0.35, description="reflectance of the plane behind the sheet")
+    inverted: bool = Field(default=False, description="a light marker on dark paper")
+    margin_m: NonNegative | None = Field(default=None, description="paper around the print; default a third of it")
+    edge_softness_m: NonNegative = Field(default=0.0, description="width of the linear ramp between ink and paper")
+    grain: Fraction = Field(default=0.0, description="RMS of the paper's reflectance, as a fraction of it")
+    grain_m: Positive = Field(default=0.0005, description="size of a grain")
+    surface: SurfaceSection = SurfaceSection()
+    clutter: ClutterSection | None = None
+
+
+class DiscSection(_Print):
+    """A filled disc."""
+
+    kind: Literal["disc"]
+    diameter_m: Positive
+
+
+class DiscWithTickSection(_Print):
+    """A disc with an orientation tick: a bar of paper from half the radius to 0.9 of it, along +X."""
+
+    kind: Literal["disc_with_tick"]
+    diameter_m: Positive
+
+
+class RingSection(_Print):
+    """A ring: its outer circle is the circle of record."""
+
+    kind: Literal["ring"]
+    diameter_m: Positive
+    inner_diameter_m: Positive
+
+
+class RingsSection(_Print):
+    """Concentric circles of falling diameter, ink and paper by turns; the outermost is the circle of record."""
+
+    kind: Literal["rings"]
+    diameters_m: list[Positive] = Field(min_length=2, max_length=16)
+
+
+class CodedRingsSection(_Print):
+    """A disc in a ring, and between them rings of cells that carry a code; the outer circle is that of record.
+
+    The layout of simittag, whose fractions the defaults are; `code` has a string of 0 and 1 (ink) for each ring of
+    cells, from the inside, clockwise from +X for someone who reads the print.
+    """
+
+    kind: Literal["coded_rings"]
+    diameter_m: Positive
+    code: list[Annotated[str, Field(pattern="^[01]{4,128}$")]] = Field(min_length=1, max_length=16)
+    disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii, as the other three")
+    code_from: Fraction = Field(default=0.30, description="where the cells begin")
+    code_to: Fraction = Field(default=0.78, description="where the cells end")
+    ring_from: Fraction = Field(default=0.86, description="inner edge of the outer ring")
+
+
+class TwoDiscsSection(_Print):
+    """Two coplanar discs beside each other; each has a row of its own in the truth."""
+
+    kind: Literal["two_discs"]
+    diameter_m: Positive
+    second_diameter_m: Positive
+    spacing_m: Positive = Field(description="between the two centres, along X")
+
+
+class DotRingSection(_Print):
+    """Dots evenly on a circle; each has a row of its own in the truth, the first stands on +X."""
+
+    kind: Literal["dot_ring"]
+    diameter_m: Positive = Field(description="of a dot")
+    ring_diameter_m: Positive = Field(description="of the circle through the dots' centres")
+    dots: int = Field(ge=3, le=32)
+    turn_deg: Turn = 0.0
+
+
+class BoardKeys(Section):
+    """A chessboard by its inner corners; one count odd, one even, so that it has no symmetry."""
+
+    columns: int = Field(ge=3, le=60)
+    rows: int = Field(ge=3, le=60)
+    square_m: Positive
+
+    @model_validator(mode="after")
+    def _no_symmetry(self) -> BoardKeys:
+        if (self.columns + self.rows) % 2 == 0:
+            raise ValueError(
+                f"{self.columns} by {self.rows} inner corners look the same upside down; make one count odd, one even"
+            )
+        return self
+
+
+class ChessboardSection(_Print, BoardKeys):
+    """A chessboard alone."""
+
+    kind: Literal["chessboard"]
+
+
+class DiscWithChessboardSection(_Print):
+    """A disc with a chessboard beside it on the same sheet."""
+
+    kind: Literal["disc_with_chessboard"]
+    diameter_m: Positive
+    gap_m: Positive = Field(description="from the disc's edge to the board's")
+    chessboard: BoardKeys
+
+
+class CharucoSection(_Print):
+    """OpenCV's ChArUco board: `columns` by `rows` squares, a tag in each white one."""
+
+    kind: Literal["charuco"]
+    columns: int = Field(ge=2, le=60, description="squares")
+    rows: int = Field(ge=2, le=60, description="squares")
+    square_m: Positive
+    tag_m: Positive
+    family: TagFamily = "aruco_4x4_50"
+    first_id: int = Field(default=0, ge=0)
+
+
+class TagBoardSection(_Print):
+    """A grid of square tags (OpenCV's GridBoard): ArUco or AprilTag by its family; 1 by 1 is a single tag."""
+
+    kind: Literal["tags"]
+    columns: int = Field(default=1, ge=1, le=60)
+    rows: int = Field(default=1, ge=1, le=60)
+    tag_m: Positive = Field(description="side of a tag, its black border included")
+    gap_m: NonNegative = 0.0
+    family: TagFamily = "apriltag_36h11"
+    first_id: int = Field(default=0, ge=0)
+
+
+Marker = Annotated[
+    DiscSection
+    | DiscWithTickSection
+    | RingSection
+    | RingsSection
+    | CodedRingsSection
+    | TwoDiscsSection
+    | DotRingSection
+    | ChessboardSection
+    | DiscWithChessboardSection
+    | CharucoSection
+    | TagBoardSection,
+    Field(discriminator="kind"),
+]
+
+KINDS: dict[str, type[Section]] = {
+    "disc": DiscSection,
+    "disc_with_tick": DiscWithTickSection,
+    "ring": RingSection,
+    "rings": RingsSection,
+    "coded_rings": CodedRingsSection,
+    "two_discs": TwoDiscsSection,
+    "dot_ring": DotRingSection,
+    "chessboard": ChessboardSection,
+    "disc_with_chessboard": DiscWithChessboardSection,
+    "charuco": CharucoSection,
+    "tags": TagBoardSection,
+}
+
+# Kinds whose first part is a circle.
+CIRCULAR = ("disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard")

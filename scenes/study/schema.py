@@ -1,0 +1,203 @@
+"""The keys of a study, as strict pydantic models: no unknown key, no infinite number, no surprise.
+
+A group's section is what all groups share, with the group's own keys laid over it; `scenes.study` does the merging.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, field_validator, model_validator
+
+from roundel.scenes.study.camera_section import CameraSection, MotionSection
+from roundel.scenes.study.layers import preset_names
+from roundel.scenes.study.light_section import LightSection, OccluderSection
+from roundel.scenes.study.marker_section import CIRCULAR, Marker
+from roundel.scenes.study.section import Section
+from roundel.scenes.study.sensor_section import SensorSection
+from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Spread, Tilt, Turn
+
+SCHEMA_VERSION = 1
+
+# With fewer, OpenCV's calibration of a plane is not determined.
+MIN_CALIBRATION_VIEWS = 3
+
+Key = tuple[str | int, ...]
+
+
+class PoseSection(Section):
+    """Where the marker stands; exactly one of the two distances."""
+
+    distance_D: Positive | None = Field(default=None, description="camera centre to circle centre, in diameters")
+    distance_m: Positive | None = None
+    tilt_deg: Tilt = 0.0
+    azimuth_deg: Turn = 0.0
+    tilt_from: Literal["line_of_sight"] | None = Field(
+        default=None, description="measure tilt and azimuth from the line of sight instead of from the optical axis"
+    )
+    roll_deg: Turn = 0.0
+    offset_x_px: AnyValue = Field(default=0.0, description="image of the centre, from the principal point")
+    offset_y_px: AnyValue = 0.0
+
+    @model_validator(mode="after")
+    def _one_distance(self) -> PoseSection:
+        if (self.distance_D is None) == (self.distance_m is None):
+            raise ValueError("give either distance_D or distance_m")
+        return self
+
+
+class RenderSection(Section):
+    """Rays: `samples` a pixel where the image is smooth, up to `band_samples` where it has structure."""
+
+    samples: int = Field(default=8, ge=8, le=65_536, multiple_of=8)
+    target_error: NonNegative = Field(
+        default=0.01,
+        description="standard error wanted of a pixel, as a fraction of the white sheet's radiance; it decides the "
+        "count of rays. 0: `band_samples` everywhere near an edge",
+    )
+    band_samples: int = Field(default=4096, ge=8, le=65_536, multiple_of=8, description="the most a pixel may get")
+    band_px: float = Field(default=2.0, ge=1.0, le=64.0)
+    bounces: int = Field(default=1, ge=1, le=16, description="reflections between light and camera; 1 is direct light")
+    radiance: bool = Field(default=True, description="keep radiance/*.exr")
+
+
+class PointsSection(Section):
+    """Points mode: noisy points of the true contour instead of images."""
+
+    count: Literal["perimeter"] | Annotated[int, Field(ge=6, le=100_000)] = "perimeter"
+    sigma_px: NonNegative = 1.0
+
+
+class SweepSection(Section):
+    """The same frames again at each level of one key, such as `sensor.read_noise_e`."""
+
+    key: str
+    levels: list[float] = Field(min_length=1, max_length=1000)
+
+
+class GroupSection(Section):
+    """One group of frames: what all groups share with the group's own keys laid over it."""
+
+    mode: Literal["images", "points"] = "images"
+    frames: int | None = Field(default=None, ge=1, le=10_000_000)
+    frames_per_cell: int | None = Field(default=None, ge=1, le=1_000_000)
+    camera: CameraSection
+    marker: Marker
+    pose: PoseSection
+    motion: MotionSection = MotionSection()
+    light: LightSection = LightSection()
+    occluders: list[OccluderSection] = Field(default=[], max_length=8)
+    sensor: SensorSection = SensorSection()
+    render: RenderSection = RenderSection()
+    points: PointsSection = PointsSection()
+    sweep: SweepSection | None = None
+
+    @cached_property
+    def spreads(self) -> list[tuple[Key, Spread]]:
+        """Every spread with its place, in the order of the schema; kept, as each frame asks for it."""
+        found: list[tuple[Key, Spread]] = []
+
+        def walk(node: Any, where: Key) -> None:
+            if isinstance(node, Spread):
+                found.append((where, node))
+            elif isinstance(node, list | tuple):
+                for i, item in enumerate(node):
+                    walk(item, (*where, i))
+            elif isinstance(node, BaseModel):
+                for name in type(node).model_fields:
+                    walk(getattr(node, name), (*where, name))
+
+        walk(self, ())
+        return found
+
+    @model_validator(mode="after")
+    def _one_count(self) -> GroupSection:
+        if (self.frames is None) == (self.frames_per_cell is None):
+            raise ValueError("give either frames or frames_per_cell")
+        if self.mode == "points" and self.marker.kind not in CIRCULAR:
+            raise ValueError(f"points mode needs a circle: one of {', '.join(CIRCULAR)}")
+        return self
+
+
+def calibration_views(label: str) -> int | None:
+    """How many views intrinsics of the form `calibrated:N` ask for; None for any other label.
+
+    Examples
+    --------
+    >>> calibration_views("calibrated:5"), calibration_views("calibrated"), calibration_views("calibrated:phone.json")
+    (5, None, None)
+    """
+    kind, _, count = label.partition(":")
+    return int(count) if kind == "calibrated" and count.isascii() and count.isdecimal() else None
+
+
+class SolveSection(Section):
+    """What `roundel run` asks of the solver."""
+
+    groups: list[str] | None = None
+    methods: list[str] = Field(default=["pixels"], min_length=1)
+    intrinsics: list[str] = Field(
+        default=["true"],
+        min_length=1,
+        description="as `roundel solve --intrinsics`; `calibrated` from all views of calibrate_from, `calibrated:5` "
+        "from the first five",
+    )
+    calibrate_from: str | None = Field(default=None, description="a group of chessboards, for `calibrated`")
+    knowledge: str = Field(default="none", description="as `roundel solve --knowledge`: same_side, floor, circle:0.5")
+
+    @field_validator("intrinsics")
+    @classmethod
+    def _enough_views(cls, labels: list[str]) -> list[str]:
+        for label in labels:
+            views = calibration_views(label)
+            if views is not None and views < MIN_CALIBRATION_VIEWS:
+                raise ValueError(f"{label}: a calibration needs {MIN_CALIBRATION_VIEWS} views or more")
+        return labels
+
+
+class ValidateSection(Section):
+    """What `roundel run` asks of the validator."""
+
+    reprojection_extent_D: Positive = 3.0
+
+
+class Head(Section):
+    """The keys that stand once in a study."""
+
+    schema_: int = Field(alias="schema", ge=SCHEMA_VERSION, le=SCHEMA_VERSION)
+    name: str = Field(min_length=1, max_length=200)
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
+    licence: str = "CC0-1.0"
+    solve: SolveSection = SolveSection()
+    validate_: ValidateSection = Field(default=ValidateSection(), alias="validate")
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of a study file (a group's keys may stand at the top, in a group, or be shared by both)."""
+    group = GroupSection.model_json_schema(ref_template="#/$defs/{model}")
+    head = Head.model_json_schema(by_alias=True, ref_template="#/$defs/{model}")
+    definitions = {**group.pop("$defs", {}), **head.pop("$defs", {})}
+    properties = group["properties"]
+
+    # What is required of the merged section may be missing in each of the two places it is merged from.
+    def relaxed(schema: dict[str, Any]) -> dict[str, Any]:
+        return {k: v for k, v in schema.items() if k != "required"}
+
+    for name in ("CameraSection", "PoseSection"):
+        definitions[name] = relaxed(definitions[name])
+    properties["preset"] = {"enum": preset_names(), "description": "keys that the study's own lie over"}
+    overrides = {"type": "object", "properties": properties, "additionalProperties": False}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Roundel study",
+        "type": "object",
+        "properties": {
+            **head["properties"],
+            **properties,
+            "groups": {"type": "object", "additionalProperties": overrides, "minProperties": 1},
+        },
+        "required": ["schema", "name"],
+        "additionalProperties": False,
+        "$defs": definitions,
+    }

@@ -1,0 +1,310 @@
+"""A study: what is rendered, solved and validated, read from YAML into checked sections.
+
+`load_study` is the only door: whatever it returns is complete, finite and consistent, and whatever it refuses it
+refuses in one line with the place in the file.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from roundel.scenes.errors import StudyError
+from roundel.scenes.study.identity import study_digest
+from roundel.scenes.study.layers import laid_over, preset, preset_names
+from roundel.scenes.study.light_map import map_sha256
+from roundel.scenes.study.light_section import LAMPS
+from roundel.scenes.study.marker_section import KINDS as MARKERS
+from roundel.scenes.study.sampling import frame_count
+from roundel.scenes.study.schema import (
+    SCHEMA_VERSION,
+    GroupSection,
+    Head,
+    SolveSection,
+    ValidateSection,
+    calibration_views,
+)
+from roundel.scenes.study.section import Section
+from roundel.scenes.study.yaml_reader import Marks, read_yaml
+
+DEFAULT_GROUP = "main"
+_SHARED = (
+    "preset",
+    "mode",
+    "frames",
+    "frames_per_cell",
+    "camera",
+    "marker",
+    "pose",
+    "motion",
+    "light",
+    "occluders",
+    "sensor",
+    "render",
+    "points",
+    "sweep",
+)
+_HEAD = ("schema", "name", "seed", "licence", "solve", "validate")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, resolved: every group complete, every default filled in."""
+
+    path: Path
+    name: str
+    seed: int
+    licence: str
+    groups: dict[str, GroupSection]
+    solve: SolveSection
+    validate: ValidateSection
+    marks: Marks
+
+    def resolved(self) -> dict[str, Any]:
+        """The study as plain values, with every default: what `study.yaml` of a dataset holds."""
+        return {
+            "schema": SCHEMA_VERSION,
+            "name": self.name,
+            "seed": self.seed,
+            "licence": self.licence,
+            "groups": {name: group.model_dump(mode="json", exclude_none=True) for name, group in self.groups.items()},
+            "solve": self.solve.model_dump(mode="json", exclude_none=True),
+            "validate": self.validate.model_dump(mode="json", exclude_none=True),
+        }
+
+    def digest(self) -> str:
+        """The dataset_id: sha256 of all that decides the frames; see `scenes.identity`."""
+        return study_digest(self)
+
+    def error(self, message: str, group: str, *keys: str) -> StudyError:
+        """A StudyError at the place where a group's key stands (or the nearest place above it)."""
+        line, column = _place(self.marks, group, keys)
+        return StudyError(message, self.path, line, column)
+
+
+def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tuple[int, int]:
+    """Where a key stands: in the group if it is there, else in the shared part, else its nearest parent."""
+    for cut in range(len(keys), -1, -1):
+        tail = keys[:cut]
+        if group is not None and tail and ("groups", group, *tail) in marks:
+            return marks["groups", group, *tail]
+        if tail and tail in marks:
+            return marks[tail]
+    return marks.get(("groups", group) if group is not None else (), (1, 1))
+
+
+# Where one of several sections may stand, told apart by its `kind`; the tag then stands in pydantic's places, too.
+_KINDS: dict[str, dict[str, type[Section]]] = {"marker": MARKERS, "lamps": LAMPS}
+
+
+def _models_of(annotation: Any) -> list[type[BaseModel]]:
+    """The sections within an annotation such as `list[Section] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in getattr(annotation, "__args__", ()) for model in _models_of(inner)]
+
+
+def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
+    """The keys that a section at `location` knows, for suggestions."""
+    known: type[BaseModel] | None = model
+    kinds: dict[str, type[Section]] = {}
+    for part in location:
+        if isinstance(part, int):
+            continue
+        if part in kinds:
+            known, kinds = kinds[part], {}
+            continue
+        if known is None:
+            return []
+        kinds = _KINDS.get(part, {})
+        annotation = next((f.annotation for n, f in known.model_fields.items() if part in (n, f.alias)), None)
+        known = next(iter(_models_of(annotation)), None)
+    return [] if known is None or kinds else [f.alias or n for n, f in known.model_fields.items()]
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return f"; did you mean {close[0]}?" if close else (f"; known here: {', '.join(sorted(known))}" if known else "")
+
+
+def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A place of pydantic's as it stands in the file: without the tags of unions and the arms of others."""
+    kept: list[Any] = []
+    kinds: dict[str, type[Section]] = {}
+    for part in raw:
+        if isinstance(part, int):
+            kept.append(part)
+        elif part in kinds:
+            kinds = {}
+        elif part.isidentifier() and part not in ("constrained-int", "int"):
+            kinds = _KINDS.get(part, {})
+            kept.append(part)
+    return tuple(kept)
+
+
+# What pydantic would say in terms of Python's types.
+_EXPECTED = {
+    "model_type": "a mapping of keys",
+    "dict_type": "a mapping of keys",
+    "list_type": "a list, as in [a, b]",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+}
+
+
+def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]:
+    """One pydantic error as (message, place in the section)."""
+    raw = error["loc"]
+    location = _in_file(raw)
+    kinds = list(next((_KINDS[p] for p in reversed(location) if p in _KINDS), {}))
+    dotted = ".".join(str(p) for p in location)
+    context = error.get("ctx", {})
+    if error["type"] == "extra_forbidden":
+        return f"{dotted}: unknown key{_nearest(str(location[-1]), _keys_at(model, raw[:-1]))}", location
+    if error["type"] == "missing":
+        return f"{dotted}: this key is missing; add it", location
+    if error["type"] == "union_tag_invalid":
+        return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), kinds)}", (
+            *location,
+            "kind",
+        )
+    if error["type"] == "union_tag_not_found":
+        return f"{dotted}.kind: this key is missing; one of {', '.join(kinds)}", location
+    text = str(context["error"]) if "error" in context else error["msg"][0].lower() + error["msg"][1:]
+    given = error.get("input")
+    if error["type"] in _EXPECTED:
+        text = f"give {_EXPECTED[error['type']]}"
+        if error["type"] == "string_type" and isinstance(given, bool):
+            return (
+                f'{dotted}: YAML reads this word as a truth value; put it in quotes: "{str(given).lower()}"',
+                location,
+            )
+    shown = f", not {given!r}" if "error" not in context and isinstance(given, str | int | float | bool | None) else ""
+    return f"{dotted}: {text}{shown}" if dotted else text, location
+
+
+def validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, group: str | None) -> Any:
+    """A section from its raw keys; what is wrong with them is said at its place in the file (a StudyError)."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        # The first error in the file's own order reads best; the others often follow from it.
+        found = [_sentence(e, model) for e in error.errors(include_url=False)]
+        placed = sorted((_place(marks, group, location), message) for message, location in found)
+        (line, column), message = placed[0]
+        more = f" (and {len(placed) - 1} more)" if len(placed) > 1 else ""
+        raise StudyError(message + more, path, line, column) from error
+
+
+def load_study(path: str | Path) -> Study:
+    """Read and check a study.
+
+    Parameters
+    ----------
+    path : path
+        A YAML file.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    StudyError
+        With `.path`, `.line` and `.column`; its message is one line.
+    """
+    path = Path(path)
+    raw, marks = read_yaml(path)
+    if not isinstance(raw, dict):
+        raise StudyError("a study is a mapping of keys", path)
+    for key in raw:
+        if key not in (*_HEAD, *_SHARED, "groups"):
+            raise StudyError(f"{key}: unknown key{_nearest(key, [*_HEAD, *_SHARED, 'groups'])}", path, *marks[(key,)])
+    head: Head = validated(Head, {k: raw[k] for k in _HEAD if k in raw}, path, marks, None)
+    shared = {k: raw[k] for k in _SHARED if k in raw}
+    own = raw.get("groups", {DEFAULT_GROUP: {}})
+    if not isinstance(own, dict) or not own:
+        raise StudyError("groups: needs at least one group, as a mapping of names", path, *marks[("groups",)])
+    groups: dict[str, GroupSection] = {}
+    for name, section in own.items():
+        place = marks.get(("groups", name), (1, 1))
+        if not name.replace("_", "").replace("-", "").isalnum():
+            raise StudyError(f"groups.{name}: a group's name has letters, digits, - and _ only", path, *place)
+        if not isinstance(section, dict):
+            raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
+        named = section.get("preset", shared.get("preset"))
+        layers = [_preset(named, path, _place(marks, name, ("preset",))), shared, section]
+        merged = reduce(laid_over, layers)
+        merged.pop("preset", None)
+        groups[name] = validated(GroupSection, merged, path, marks, name)
+    study = Study(path, head.name, head.seed, head.licence, groups, head.solve, head.validate_, marks)
+    _check_references(study)
+    return _with_checksums(study)
+
+
+def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:
+    if name is None:
+        return {}
+    if name not in preset_names():
+        raise StudyError(f"preset: no preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
+    return preset(name)
+
+
+def _with_checksums(study: Study) -> Study:
+    """The study with the sha256 of each map it names, so that its digest is of their pixels, too."""
+    groups = {}
+    for name, group in study.groups.items():
+        groups[name] = group
+        if group.light.map is not None:
+            try:
+                digest = map_sha256(study.path.parent, group.light.map)
+            except ValueError as error:
+                raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
+            # Read anew rather than copied: a copy would drag along what the section keeps for itself.
+            raw = group.model_dump(exclude_none=True)
+            raw["light"]["map"]["sha256"] = digest
+            groups[name] = GroupSection.model_validate(raw)
+    return replace(study, groups=groups)
+
+
+def _check_references(study: Study) -> None:
+    def fail(message: str, *keys: str) -> StudyError:
+        return StudyError(message, study.path, *_place(study.marks, None, keys))
+
+    for name in study.solve.groups or []:
+        if name not in study.groups:
+            raise fail(f"solve.groups: no group {name!r}{_nearest(name, list(study.groups))}", "solve", "groups")
+    source = study.solve.calibrate_from
+    if source is not None:
+        if source not in study.groups:
+            raise fail(
+                f"solve.calibrate_from: no group {source!r}{_nearest(source, list(study.groups))}",
+                "solve",
+                "calibrate_from",
+            )
+        if study.groups[source].marker.kind != "chessboard":
+            raise fail(f"solve.calibrate_from: group {source!r} has no chessboard", "solve", "calibrate_from")
+    for label in study.solve.intrinsics:
+        views = calibration_views(label)
+        if views is None and label != "calibrated":
+            continue
+        if source is None:
+            message = f"solve.intrinsics: `{label}` needs solve.calibrate_from, a group of chessboards"
+            raise fail(message, "solve", "intrinsics")
+        try:
+            there = frame_count(study.groups[source])
+        except ValueError:
+            # Frames that do not divide over the cells: whoever counts them says so, at their own place.
+            continue
+        if views is not None and views > there:
+            message = f"solve.intrinsics: `{label}` wants {views} views, and group {source!r} has {there}"
+            raise fail(message, "solve", "intrinsics")

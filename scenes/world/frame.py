@@ -1,0 +1,338 @@
+"""Frame i of a study: a pure function of (study, i). Every number drawn, every object placed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import (
+    THIN_LENS_DEG,
+    Camera,
+    focal_at_focus_px,
+    folds_inside_image,
+    principal_point_at_centre,
+    ray_direction,
+    sees_through_thin_lens,
+)
+from roundel.scenes.camera.motion import Motion, image_of, pose_at
+from roundel.scenes.errors import StudyError
+from roundel.scenes.geometry.conic import circle_points_m
+from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation, normal_of, transform_points
+from roundel.scenes.markers.marker import Part, Sheet
+from roundel.scenes.study.camera_section import CameraSection, MotionSection
+from roundel.scenes.study.sampling import draw, frame_count, frames_per_level, stream
+from roundel.scenes.study.schema import GroupSection
+from roundel.scenes.study.study import Study, validated
+from roundel.scenes.world.lamps import check_light
+from roundel.scenes.world.occluders import check_occluders
+from roundel.scenes.world.sheets import sheet_of
+
+# Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
+DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame: everything that rendering and truth need, all of it decided.
+
+    `settings` is the group's section with every spread replaced by the frame's number; `camera_from_sheet` is the pose
+    at time 0 of `motion`; files that the study names are relative to `folder`. `sensor_seed` is one for a group: the
+    pattern of its pixels does not change from frame to frame. `drawn` has what the frame drew, by dotted key.
+    """
+
+    frame_id: int
+    group: str
+    index: int
+    level: float | None
+    settings: GroupSection
+    camera: Camera
+    motion: Motion
+    sheet: Sheet
+    camera_from_sheet: NDArray[np.float64]
+    noise_seed: int
+    ray_seed: int
+    sensor_seed: int
+    sheet_seed: int
+    drawn: dict[str, float]
+    folder: Path
+
+    def part_time_s(self, part: Part) -> float:
+        """Mid-exposure of the row where the part's centre is imaged, in seconds after the first part's."""
+        _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
+        return float(time[0])
+
+    def camera_from_part(self, part: Part, after_s: float = 0.0) -> NDArray[np.float64]:
+        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or a time after."""
+        pose = pose_at(self.motion, self.camera_from_sheet, np.array(self.part_time_s(part) + after_s))
+        pose[:3, 3] = transform_points(pose, [part.x_m, part.y_m, 0.0])
+        return pose
+
+
+def total_frames(study: Study) -> int:
+    """Number of frames of a study, over all groups."""
+    return sum(_count(study, name) for name in study.groups)
+
+
+def _count(study: Study, name: str) -> int:
+    try:
+        return frame_count(study.groups[name])
+    except ValueError as error:
+        raise study.error(f"frames: {error}", name, "frames") from error
+
+
+def group_ranges(study: Study) -> dict[str, range]:
+    """Frame ids of each group: groups follow one another in the order of the study."""
+    ranges, start = {}, 0
+    for name in study.groups:
+        ranges[name] = range(start, start + _count(study, name))
+        start = ranges[name].stop
+    return ranges
+
+
+def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
+    """The camera that a section with all spreads drawn describes."""
+    focus_m = section.focus_m if section.focus_m is not None else float("inf")
+    focal_px: float
+    focal_mm, pitch_um = section.focal_mm, section.pixel_pitch_um
+    if focal_mm is not None and pitch_um is not None:
+        focal_px = focal_at_focus_px(focal_mm, focus_m, pitch_um)
+    else:
+        assert section.focal_px is not None  # the schema wants one or the other
+        focal_px = section.focal_px
+    cx, cy = principal_point_at_centre(section.width_px, section.height_px)
+    cx = section.principal_point_x_px if section.principal_point_x_px is not None else cx
+    cy = section.principal_point_y_px if section.principal_point_y_px is not None else cy
+    aperture_m = 0.0
+    if section.f_number is not None and focal_mm is not None:
+        aperture_m = focal_mm * 1e-3 / section.f_number / 2
+    elif section.aperture_mm is not None:
+        aperture_m = section.aperture_mm * 1e-3 / 2
+    if section.diffraction and aperture_m == 0:
+        raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
+    # A phone writes whole millimetres, by the diagonal.
+    diagonal_px = float(np.hypot(section.width_px, section.height_px))
+    written = float(max(1, round(focal_px * DIAGONAL_35MM_MM / diagonal_px)))
+    return Camera(
+        width_px=section.width_px,
+        height_px=section.height_px,
+        K=np.array([[focal_px, section.skew_px, cx], [0.0, focal_px * section.aspect, cy], [0.0, 0.0, 1.0]]),
+        distortion=tuple(section.distortion),
+        aperture_radius_m=aperture_m,
+        focus_distance_m=focus_m,
+        focal_35mm_mm=section.focal_35mm_mm if section.focal_35mm_mm is not None else written,
+        distortion_model=section.distortion_model,
+        blades=section.blades,
+        blade_turn_deg=section.blade_turn_deg,
+        wavelengths_m=tuple(1e-9 * w for w in section.wavelengths_nm) if section.diffraction else (),
+        natural_vignetting=section.natural_vignetting,
+        barrel_radius_m=float("inf") if section.barrel_mm is None else section.barrel_mm * 1e-3 / 2,
+        barrel_length_m=section.barrel_length_mm * 1e-3,
+        pixel_side=float(np.sqrt(fill_factor)),
+    )
+
+
+def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> Motion:
+    """The motion that a section with all spreads drawn describes.
+
+    Raises
+    ------
+    ValueError
+        If the exposure is longer than the frame.
+    """
+    if section.exposure_s > section.frame_s:
+        raise ValueError(
+            f"exposure_s: {section.exposure_s:g} s is longer than the frame, {section.frame_s:g} s; expose shorter, or "
+            "give a longer frame_s"
+        )
+    twists = [
+        np.array([*twist.velocity_m_s, *np.radians(np.array(twist.rate_deg_s, dtype=np.float64))], dtype=np.float64)
+        for twist in (section.camera, section.marker)
+    ]
+    return Motion(section.exposure_s, section.readout_s / height_px, centre_row_px, *twists)
+
+
+def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
+    """A group's section with the numbers of one frame in the place of its spreads, and these numbers by dotted key."""
+    group = study.groups[name]
+    raw = group.model_dump(exclude_none=True)
+    # Once drawn, a section has no grids left to tell how many frames a level has.
+    raw.pop("frames_per_cell", None)
+    raw["frames"] = frames_per_level(group)
+
+    def put(key: tuple[Any, ...], value: float) -> None:
+        node = raw
+        for part in key[:-1]:
+            node = node[part]
+        node[key[-1]] = value
+
+    numbers = draw(group, study.seed, name, index)
+    for key, value in numbers.items():
+        put(key, value)
+    if group.sweep is not None and level is not None:
+        try:
+            put(tuple(int(p) if p.isdigit() else p for p in group.sweep.key.split(".")), level)
+        except (KeyError, IndexError, TypeError) as error:
+            raise study.error(f"sweep.key: no key {group.sweep.key!r} in this group", name, "sweep", "key") from error
+    try:
+        drawn: GroupSection = validated(GroupSection, raw, study.path, study.marks, name)
+    except StudyError as error:
+        message = f"{error.reason} (frame {index} of group {name})"
+        if group.sweep is not None and error.reason.startswith(f"{group.sweep.key}:"):
+            # The value that is wrong stands nowhere in the file but in the sweep.
+            raise study.error(f"sweep: {message}", name, "sweep", "key") from error
+        raise StudyError(message, error.path, error.line, error.column) from error
+    return drawn, {".".join(str(part) for part in key): value for key, value in numbers.items()}
+
+
+def frame_of(study: Study, frame_id: int) -> Frame:
+    """Frame `frame_id` of a study.
+
+    Raises
+    ------
+    StudyError
+        If the frame cannot be: a marker behind the camera or outside the image, a focus inside the lens.
+    IndexError
+        If the study has no such frame.
+    """
+    for name, ids in group_ranges(study).items():
+        if frame_id in ids:
+            return _frame(study, name, frame_id, frame_id - ids.start)
+    raise IndexError(f"no frame {frame_id}; the study has {total_frames(study)}")
+
+
+def frames_of(study: Study) -> Iterator[Frame]:
+    """All frames, in order."""
+    for name, ids in group_ranges(study).items():
+        for frame_id in ids:
+            yield _frame(study, name, frame_id, frame_id - ids.start)
+
+
+def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
+    group = study.groups[name]
+    step, index = divmod(position, frames_per_level(group))
+    level = group.sweep.levels[step] if group.sweep else None
+    settings, drawn = _drawn(study, name, index, level)
+
+    def fail(message: str, *keys: str) -> StudyError:
+        return study.error(f"{message} (frame {index} of group {name})", name, *keys)
+
+    try:
+        camera = camera_of(settings.camera, settings.sensor.fill_factor)
+    except ValueError as error:
+        raise fail(f"camera: {error}", "camera") from error
+    if folds_inside_image(camera):
+        raise fail(
+            "camera.distortion: folds inside the image and has no inverse; use smaller coefficients",
+            "camera",
+            "distortion",
+        )
+    if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
+        raise fail(
+            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
+            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
+            "camera",
+        )
+    # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
+    noise_seed, ray_seed, sheet_seed = (
+        int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
+    )
+    try:
+        sheet = sheet_of(settings.marker, sheet_seed)
+    except ValueError as error:
+        raise fail(str(error), "marker") from error
+    pose = settings.pose
+    first = sheet.parts[0]
+    if pose.distance_m is not None:
+        distance_m = pose.distance_m
+    elif first.radius_m is None or pose.distance_D is None:
+        raise fail("pose.distance_D: a board has no diameter; give distance_m", "pose", "distance_D")
+    else:
+        distance_m = pose.distance_D * 2 * first.radius_m
+    normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
+    pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
+    ray = ray_direction(camera, pixel)
+    if pose.tilt_from == "line_of_sight":
+        normal = minimal_rotation([0.0, 0.0, 1.0], ray) @ normal
+    centre_m = distance_m * ray
+    camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
+    low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
+    if not (np.all(pixel >= low) and np.all(pixel <= high)):
+        raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
+    try:
+        motion = motion_of(settings.motion, camera.height_px, float(pixel[1]))
+    except ValueError as error:
+        raise fail(f"motion.{error}", "motion", "exposure_s") from error
+    frame = Frame(
+        frame_id,
+        name,
+        index,
+        level,
+        settings,
+        camera,
+        motion,
+        sheet,
+        camera_from_sheet,
+        noise_seed,
+        ray_seed,
+        int(stream(study.seed, name, 3).generate_state(1)[0]),
+        sheet_seed,
+        drawn,
+        study.path.parent,
+    )
+    for part in sheet.parts:
+        _check_in_view(frame, part, fail)
+    for check, key in ((_check_occluders, "occluders"), (_check_light, "light")):
+        try:
+            check(frame)
+        except ValueError as error:
+            raise fail(f"{key}.{error}", key) from error
+    return frame
+
+
+def _check_occluders(frame: Frame) -> None:
+    check_occluders(frame.settings.occluders, frame.camera, frame.camera_from_sheet)
+
+
+def _check_light(frame: Frame) -> None:
+    if frame.settings.mode == "images":
+        check_light(frame.settings.light, frame.sheet, frame.camera_from_sheet)
+
+
+def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
+    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle round a board."""
+    centre = np.array([part.x_m, part.y_m, 0.0])
+    if part.radius_m is not None:
+        placed = np.eye(4)
+        placed[:3, 3] = centre
+        return circle_points_m(placed, part.radius_m, count)
+    w, h = part.half_size_m()
+    corners = np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
+    along = np.linspace(0, 1, max(count // 4, 2), endpoint=False)[:, None]
+    sides = [corners[i] + along * (corners[(i + 1) % 4] - corners[i]) for i in range(4)]
+    flat = np.concatenate(sides)
+    return np.asarray(centre + np.column_stack([flat, np.zeros(len(flat))]), dtype=np.float64)
+
+
+def _check_in_view(frame: Frame, part: Part, fail: Any) -> None:
+    pose = frame.camera_from_part(part)
+    in_sheet = part_outline_in_sheet(part, 64)
+    outline = transform_points(frame.camera_from_sheet, in_sheet)
+    if outline[:, 2].min() <= 0:
+        raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
+    if pose[:3, 2] @ pose[:3, 3] >= 0:
+        raise fail(f"pose: marker {part.marker_id} shows its back to the camera; tilt it less", "pose", "tilt_deg")
+    pixels, _ = image_of(frame.camera, frame.motion, frame.camera_from_sheet, in_sheet)
+    if np.isnan(pixels).any() and frame.motion.row_s > 0:
+        raise fail(
+            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's sight; read out "
+            "faster (readout_s), or move slower",
+            "motion",
+        )
+    inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
+    if not inside.any():
+        raise fail(f"pose: the outline of marker {part.marker_id} lies outside the image", "pose")

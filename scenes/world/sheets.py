@@ -1,0 +1,232 @@
+"""From a marker's section of a study to the sheet that is printed: one function a kind.
+
+Each kind gives its shapes in the order they are painted, its parts (part 0 at the origin), and its finest detail, which
+bounds how soft its edges may be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from roundel.scenes.markers.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
+from roundel.scenes.markers.tags import charuco_grid, tag_grid
+from roundel.scenes.study import marker_section as sections
+
+# The orientation tick, in radii.
+TICK_FROM, TICK_TO, TICK_WIDTH = 0.5, 0.9, 0.12
+
+# Finer than this, the number of a cell would not fit the integers that are hashed.
+MIN_GRAIN_M, MIN_CLUTTER_M = 1e-6, 1e-4
+
+
+@dataclass(frozen=True)
+class _Print:
+    shapes: Sequence[Shape]
+    parts: Sequence[Part]
+    finest_m: float
+
+
+def _disc(section: sections.DiscSection, ink: float, paper: float) -> _Print:
+    radius = section.diameter_m / 2
+    return _Print([Disc(0.0, 0.0, radius, ink)], [Part(0, "disc", 0.0, 0.0, radius)], 2 * radius)
+
+
+def _disc_with_tick(section: sections.DiscWithTickSection, ink: float, paper: float) -> _Print:
+    r = section.diameter_m / 2
+    length, width = (TICK_TO - TICK_FROM) * r, TICK_WIDTH * r
+    tick = Bar((TICK_FROM + TICK_TO) / 2 * r, 0.0, length, width, 0.0, paper)
+    layout = {"tick_from_m": TICK_FROM * r, "tick_to_m": TICK_TO * r, "tick_width_m": width}
+    return _Print([Disc(0.0, 0.0, r, ink), tick], [Part(0, "disc", 0.0, 0.0, r, layout)], (1 - TICK_TO) * r)
+
+
+def _circles(diameters_m: Sequence[float], kind: str, layout: dict[str, Any], ink: float, paper: float) -> _Print:
+    shapes = [Disc(0.0, 0.0, d / 2, paper if i % 2 else ink) for i, d in enumerate(diameters_m)]
+    finest = min((a - b) / 2 for a, b in pairwise([*diameters_m, -diameters_m[-1]]))
+    return _Print(shapes, [Part(0, kind, 0.0, 0.0, diameters_m[0] / 2, layout)], finest)
+
+
+def _ring(section: sections.RingSection, ink: float, paper: float) -> _Print:
+    if section.inner_diameter_m >= section.diameter_m:
+        raise ValueError("marker.inner_diameter_m: must be smaller than diameter_m")
+    both = [section.diameter_m, section.inner_diameter_m]
+    return _circles(both, "ring", {"inner_diameter_m": section.inner_diameter_m}, ink, paper)
+
+
+def _rings(section: sections.RingsSection, ink: float, paper: float) -> _Print:
+    diameters = [float(d) for d in section.diameters_m]
+    for a, b in pairwise(diameters):
+        if b >= a:
+            raise ValueError(
+                f"marker.diameters_m: {b:g} after {a:g}; give the outermost first, each smaller than before"
+            )
+    return _circles(diameters, "rings", {"diameters_m": diameters}, ink, paper)
+
+
+def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) -> _Print:
+    shares = [float(v) for v in (section.disc, section.code_from, section.code_to, section.ring_from, 1.0)]
+    if not all(0 < a < b for a, b in pairwise(shares)):
+        raise ValueError("marker.disc: needs 0 < disc < code_from < code_to < ring_from < 1")
+    if len({len(ring) for ring in section.code}) != 1:
+        raise ValueError("marker.code: every ring needs as many cells as the others")
+    outer = section.diameter_m / 2
+    disc, inner, last, ring, _ = (outer * share for share in shares)
+    cells = bytes(int(bit) for row in section.code for bit in row)
+    sectors = len(section.code[0])
+    code = Sectors(0.0, 0.0, inner, last, len(section.code), sectors, cells, ink)
+    shapes: list[Shape] = [Disc(0.0, 0.0, outer, ink), Disc(0.0, 0.0, ring, paper), code, Disc(0.0, 0.0, disc, ink)]
+    layout: dict[str, Any] = dict(zip(("disc", "code_from", "code_to", "ring_from"), shares[:-1], strict=True))
+    layout["code"] = list(section.code)
+    finest = min(2 * disc, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors)
+    return _Print(shapes, [Part(0, "coded_rings", 0.0, 0.0, outer, layout)], float(finest))
+
+
+def _apart(key: str, gap_m: float) -> float:
+    """What the gap between two neighbours allows; touching ones are refused, as their contours would merge."""
+    if gap_m <= 0:
+        raise ValueError(f"marker.{key}: neighbours touch or overlap; move them apart or make them smaller")
+    return gap_m
+
+
+def _two_discs(section: sections.TwoDiscsSection, ink: float, paper: float) -> _Print:
+    first, second, x = section.diameter_m / 2, section.second_diameter_m / 2, section.spacing_m
+    finest = min(2 * first, 2 * second, _apart("spacing_m", x - first - second))
+    parts = [Part(0, "disc", 0.0, 0.0, first), Part(1, "disc", x, 0.0, second)]
+    return _Print([Disc(0.0, 0.0, first, ink), Disc(x, 0.0, second, ink)], parts, finest)
+
+
+def _dot_ring(section: sections.DotRingSection, ink: float, paper: float) -> _Print:
+    dot, ring, count = section.diameter_m / 2, section.ring_diameter_m / 2, section.dots
+    finest = min(2 * dot, _apart("ring_diameter_m", 2 * ring * np.sin(np.pi / count) - 2 * dot))
+    turn = np.radians(section.turn_deg)
+    angle = turn + 2 * np.pi * np.arange(count) / count
+    # The first dot is at the origin: it is part 0, and has the pose of record.
+    xs, ys = ring * (np.cos(angle) - np.cos(turn)), ring * (np.sin(angle) - np.sin(turn))
+    layout = {"dots": count, "ring_diameter_m": section.ring_diameter_m, "turn_deg": section.turn_deg}
+    places = [(float(x), float(y)) for x, y in zip(xs, ys, strict=True)]
+    parts = [Part(i, "disc", x, y, dot, layout) for i, (x, y) in enumerate(places)]
+    return _Print([Disc(x, y, dot, ink) for x, y in places], parts, finest)
+
+
+def _board(keys: Any, marker_id: int, x: float, ink: float) -> tuple[Checker, Part]:
+    square = float(keys.square_m)
+    layout = {"columns": keys.columns, "rows": keys.rows, "square_m": square}
+    size = ((keys.columns + 1) * square, (keys.rows + 1) * square)
+    return (
+        Checker(x, 0.0, square, keys.columns, keys.rows, ink),
+        Part(marker_id, "chessboard", x, 0.0, None, layout, size),
+    )
+
+
+def _chessboard(section: sections.ChessboardSection, ink: float, paper: float) -> _Print:
+    _refuse_inverted(section, "a chessboard")
+    shape, part = _board(section, 0, 0.0, ink)
+    return _Print([shape], [part], shape.square_m)
+
+
+def _disc_with_chessboard(section: sections.DiscWithChessboardSection, ink: float, paper: float) -> _Print:
+    _refuse_inverted(section, "a chessboard")
+    radius, keys = section.diameter_m / 2, section.chessboard
+    shape, part = _board(keys, 1, radius + section.gap_m + (keys.columns + 1) * keys.square_m / 2, ink)
+    disc = Disc(0.0, 0.0, radius, ink)
+    return _Print(
+        [disc, shape], [Part(0, "disc", 0.0, 0.0, radius), part], min(2 * radius, shape.square_m, section.gap_m)
+    )
+
+
+def _refuse_inverted(section: Any, what: str) -> None:
+    # Only the colour of its first square tells which way up a board is. A grid of tags tells by its bits, and
+    # detectors know light tags on dark: those may be inverted.
+    if section.inverted:
+        raise ValueError(f"marker.inverted: {what} is dark on light; invert circles and tags only")
+
+
+def _tag_layout(section: Any, **sizes: float) -> dict[str, Any]:
+    counts = {"columns": section.columns, "rows": section.rows}
+    return {**counts, **sizes, "family": section.family, "first_id": section.first_id}
+
+
+def _charuco(section: sections.CharucoSection, ink: float, paper: float) -> _Print:
+    _refuse_inverted(section, "a ChArUco board")
+    columns, rows, square, tag = section.columns, section.rows, float(section.square_m), float(section.tag_m)
+    if tag >= square:
+        raise ValueError("marker.tag_m: a tag must be smaller than its square")
+    grid = charuco_grid(section.family, section.first_id, columns, rows)
+    cells = Cells(0.0, 0.0, columns, rows, square, tag, grid.shape[2], grid.tobytes(), ink)
+    size = columns * square, rows * square
+    part = Part(0, "charuco", 0.0, 0.0, None, _tag_layout(section, square_m=square, tag_m=tag), size)
+    checker = Checker(0.0, 0.0, square, columns - 1, rows - 1, ink)
+    return _Print([checker, cells], [part], min(cells.cell_m, (square - tag) / 2))
+
+
+def _tags(section: sections.TagBoardSection, ink: float, paper: float) -> _Print:
+    columns, rows, tag, gap = section.columns, section.rows, float(section.tag_m), float(section.gap_m)
+    grid = tag_grid(section.family, section.first_id, columns, rows)
+    cells = Cells(0.0, 0.0, columns, rows, tag + gap, tag, grid.shape[2], grid.tobytes(), ink)
+    part = Part(0, "tags", 0.0, 0.0, None, _tag_layout(section, tag_m=tag, gap_m=gap), cells.span_m())
+    return _Print([cells], [part], min(cells.cell_m, gap) if gap > 0 else cells.cell_m)
+
+
+_KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
+    "disc": _disc,
+    "disc_with_tick": _disc_with_tick,
+    "ring": _ring,
+    "rings": _rings,
+    "coded_rings": _coded_rings,
+    "two_discs": _two_discs,
+    "dot_ring": _dot_ring,
+    "chessboard": _chessboard,
+    "disc_with_chessboard": _disc_with_chessboard,
+    "charuco": _charuco,
+    "tags": _tags,
+}
+
+
+def sheet_of(section: sections.Marker, seed: int = 0) -> Sheet:
+    """The sheet that a marker's section describes.
+
+    Parameters
+    ----------
+    section : Marker
+        Its spreads already drawn.
+    seed : int
+        Of grain and clutter, 0 to 2^32 - 1.
+
+    Raises
+    ------
+    ValueError
+        If the marker cannot be printed: overlapping circles, too few tags in a family, edges softer than its details.
+    """
+    ink, paper = (section.paper, section.ink) if section.inverted else (section.ink, section.paper)
+    made = _KINDS[section.kind](section, ink, paper)
+    if section.edge_softness_m > made.finest_m:
+        raise ValueError(
+            f"marker.edge_softness_m: {section.edge_softness_m:g} m is wider than the finest detail of the print, "
+            f"{made.finest_m:.3g} m; make the edges sharper or the marker larger"
+        )
+    if section.grain_m < MIN_GRAIN_M:
+        raise ValueError(f"marker.grain_m: {section.grain_m:g} m is too fine; give {MIN_GRAIN_M:g} or more")
+    clutter = section.clutter
+    if clutter is not None and clutter.cell_m < MIN_CLUTTER_M:
+        raise ValueError(f"marker.clutter.cell_m: {clutter.cell_m:g} m is too fine; give {MIN_CLUTTER_M:g} or more")
+    boxes = [(p.x_m, p.y_m, *p.half_size_m()) for p in made.parts]
+    low = (min(x - w for x, _, w, _ in boxes), min(y - h for _, y, _, h in boxes))
+    high = (max(x + w for x, _, w, _ in boxes), max(y + h for _, y, _, h in boxes))
+    margin = section.margin_m if section.margin_m is not None else min(high[0] - low[0], high[1] - low[1]) / 3
+    return Sheet(
+        (low[0] - margin, low[1] - margin),
+        (high[0] + margin, high[1] + margin),
+        paper,
+        section.wall,
+        tuple(made.shapes),
+        tuple(made.parts),
+        edge_softness_m=section.edge_softness_m,
+        grain=section.grain,
+        grain_m=section.grain_m,
+        clutter=None if clutter is None else Clutter(clutter.cell_m, clutter.contrast),
+        seed=seed,
+    )

@@ -1,0 +1,210 @@
+"""A circle about the marker's centre as evidence: a centre dot, the inner edge of a ring.
+
+The two poses put the image of the marker's centre on opposite sides of the outer ellipse's centre, a^2 sin(2 tilt) /
+(2 f) px from it, and any concentric circle's ellipse a little less far. Only where the circle is says which pose it is,
+so its centre alone is measured: its size tells nothing and need not be known well.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_px
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, step_response
+from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.viewing_cone import concentric_image, viewing_cone
+from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape
+from roundel.solver.fit.ellipse_distance import foot_points
+
+Array = NDArray[np.float64]
+
+# What is left of a centre's error when there is no noise: edges between pixels, ink that spreads unevenly.
+_FLOOR_PX = 0.01
+_REACH_PX = 3.0  # of the band beside the circle's edge, beyond its blur
+_ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class ConcentricCircle:
+    """A circle about the marker's centre.
+
+    Attributes
+    ----------
+    ratio : float
+        Its diameter as a fraction of the marker's outer one.
+    next_ratio : float
+        The same of the next larger printed circle; 1 if that is the marker's own.
+    hollow : bool
+        Whether something is printed inside it, other than one even shade.
+    """
+
+    ratio: float
+    next_ratio: float = 1.0
+    hollow: bool = False
+
+    def problem(self) -> str:
+        """What is wrong with it; empty if nothing is."""
+        if 0 < self.ratio < self.next_ratio <= 1:
+            return ""
+        return (
+            "a concentric circle has a diameter between 0 and that of the next larger one, as a fraction of the outer"
+        )
+
+    def verdict(self, sighting: Sighting) -> Verdict:
+        """Likelihood of the measured centre under both poses."""
+        name = f"concentric circle of {self.ratio:g} diameters"
+        cone = viewing_cone(sighting)
+        if cone is None or sighting.image is None or sighting.assumed is None:
+            return Verdict(0.0, f"{name}: not looked for, there is no image, ellipse or camera")
+        centre, spread = concentric_image(cone.cone[:, None], cone.normal, cone.K[:, None], self.ratio)
+        starts = [_ellipse(centre[0, i], spread[0, i]) for i in range(2)]
+        gap = (self.next_ratio / self.ratio - 1.0) * float(starts[0][3])
+        apart = float(np.hypot(*(centre[0, 0] - centre[0, 1])))
+        outside = min(_REACH_PX + 2.0 * sighting.blur_px, 0.6 * gap)
+        inside = 0.5 * float(starts[0][3]) if self.hollow else math.inf
+        if outside < 1.0:
+            return Verdict(0.0, f"{name}: too close to the next one to be told from it")
+        camera = sighting.assumed.camera
+        fits = [fit_centre(sighting.image, camera, e, inside, outside, sighting.blur_px) for e in starts]
+        found = [fit for fit in fits if not isinstance(fit, FailedFit)]
+        if not found:
+            return Verdict(0.0, f"{name}: not measured, {fits[0].reason if isinstance(fits[0], FailedFit) else ''}")
+        best = min(found, key=lambda fit: fit.rms)
+        log, far = [], []
+        # A circle that is not this marker's may be anywhere about where it is looked for.
+        anywhere = -math.log(math.pi * (apart + outside) ** 2)
+        for i in range(2):
+            g = cone.spread(centre[:, i])
+            total = best.cov + g @ g.T + _FLOOR_PX**2 * np.eye(2)
+            miss = best.centre_px - centre[0, i]
+            far.append(float(miss @ np.linalg.solve(total, miss)))
+            value = -0.5 * far[-1] - 0.5 * math.log(float(np.linalg.det(total))) - math.log(2.0 * math.pi)
+            log.append(float(np.logaddexp(math.log1p(-MISTAKES) + value, math.log(MISTAKES) + anywhere)))
+        basis = f"{name}: its centre is {math.sqrt(far[0]):.1f} and {math.sqrt(far[1]):.1f} sigma from both predictions"
+        if min(far) > MISFIT:
+            basis += ", it fits neither"
+        return Verdict(log[0] - log[1], f"{basis}, which lie {apart:.2g} px apart")
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCentre:
+    """Centre of a small ellipse in undistorted pixels, its covariance (2, 2), and the RMS of what the fit leaves."""
+
+    centre_px: Array
+    cov: Array
+    rms: float
+
+
+def fit_centre(
+    image: NDArray[Any], camera: Camera, ellipse: Array, inside_px: float, outside_px: float, blur_px: float
+) -> MeasuredCentre | FailedFit:
+    """Where a filled ellipse of known shape lies: place, scale, two grey levels and a slope of the light are fitted.
+
+    The model is symmetric about the centre, and so is the image of a dot under any symmetric blur: a wrong blur or size
+    then widens the residual and does not shift the centre.
+
+    Parameters
+    ----------
+    image : (H, W) array
+    camera : Camera
+    ellipse : (5,) array
+        Where it is looked for, undistorted pixels.
+    inside_px, outside_px : float
+        How far the pixels that count lie from its edge.
+    blur_px : float
+
+    Returns
+    -------
+    MeasuredCentre or FailedFit
+    """
+    current = np.array(ellipse, dtype=np.float64)
+    variance = max(blur_px, 0.15) ** 2
+    pixels = _pixels_near(image, camera, current, outside_px + 1.0)
+    if isinstance(pixels, FailedFit):
+        return pixels
+    places, values = pixels
+    for _ in range(_ROUNDS):
+        distance, normal, u = foot_points(current, places)
+        keep = (distance <= outside_px) & (distance >= -inside_px)
+        if np.count_nonzero(keep) < 16:
+            return FailedFit("too few pixels around it")
+        distance, normal, u, value = distance[keep], normal[keep], u[keep], values[keep]
+        place = places[keep] - current[:2]
+        nx, ny = np.abs(normal).T
+        t, slope, _ = step_response(
+            distance + (variance + PIXEL_VARIANCE) * _curvature(current, u) / 2, (nx + ny) / 2, (nx - ny) / 2, variance
+        )
+        levels = np.linalg.lstsq(np.stack([1.0 - t, t], axis=1), value, rcond=None)[0]
+        plain = levels[0] * (1.0 - t) + levels[1] * t
+        height = float(levels[1] - levels[0])
+        # The foot point moves with the centre, and outward with the scale; the step's place z falls by as much.
+        lean = -height * slope
+        reach = np.sum(normal * (place - distance[:, None] * normal), axis=1)
+        columns = np.stack(
+            [
+                lean * normal[:, 0],
+                lean * normal[:, 1],
+                lean * reach,
+                1.0 - t,
+                t,
+                plain * place[:, 0],
+                plain * place[:, 1],
+            ],
+            axis=1,
+        )
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        solution, _, rank, _ = np.linalg.lstsq(columns / size, value - plain, rcond=1e-10)
+        if rank < columns.shape[1]:
+            return FailedFit("its pixels do not determine a centre")
+        solution = solution / size
+        move = np.clip(solution[:2], -1.0, 1.0)
+        current[:2] += move
+        current[2:4] *= 1.0 + float(np.clip(solution[2], -0.1, 0.1))
+        if not (0.5 < current[2] / ellipse[2] < 2.0) or np.hypot(*(current[:2] - ellipse[:2])) > 3.0 * outside_px:
+            return FailedFit("there is no circle where it should be")
+        if np.hypot(*move) < 1e-4:
+            break
+    left = value - plain - columns @ solution
+    noise2 = max(float(left @ left) / max(len(left) - columns.shape[1], 1), 1e-12)
+    inverse = np.linalg.inv((columns / size).T @ (columns / size))[:2, :2] / np.outer(size[:2], size[:2])
+    if abs(height) < 4.0 * math.sqrt(noise2 / len(left)) or abs(height) < 2.0 * math.sqrt(noise2):
+        return FailedFit("it does not stand out from the noise")
+    return MeasuredCentre(current[:2].copy(), noise2 * inverse, math.sqrt(noise2))
+
+
+def _pixels_near(
+    image: NDArray[Any], camera: Camera, ellipse: Array, margin_px: float
+) -> tuple[Array, Array] | FailedFit:
+    """Undistorted places (N, 2) and grey levels (N,) of the pixels in a box around an ellipse."""
+    height, width = image.shape
+    middle = distort_px(camera, ellipse[:2])
+    if not np.all(np.isfinite(middle)):
+        return FailedFit("it lies outside the field of the camera's lens model")
+    half = float(ellipse[2]) * (1.3 if distorts(camera) else 1.0) + margin_px
+    low = np.floor(middle - half).astype(np.int64)
+    high = np.ceil(middle + half).astype(np.int64) + 1
+    if np.any(low < 0) or high[0] > width or high[1] > height:
+        return FailedFit("it reaches beyond the image")
+    rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    places = undistort_px(camera, np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64))
+    seen = np.isfinite(places).all(axis=1)
+    return places[seen], image[low[1] : high[1], low[0] : high[0]].ravel()[seen].astype(np.float64)
+
+
+def _ellipse(centre: Array, spread: Array) -> Array:
+    """Ellipse (5,) from its centre and S S^T."""
+    value, vector = np.linalg.eigh(spread)
+    root = (vector * np.sqrt(np.maximum(value, 1e-12))) @ vector.T
+    return ellipse_of_shape(np.array([centre[0], centre[1], root[0, 0], root[0, 1], root[1, 1]]))
+
+
+def _curvature(ellipse: Array, u: Array) -> Array:
+    a, b, angle = float(ellipse[2]), float(ellipse[3]), math.radians(ellipse[4])
+    along = u[:, 0] * math.cos(angle) + u[:, 1] * math.sin(angle)
+    across = u[:, 1] * math.cos(angle) - u[:, 0] * math.sin(angle)
+    return np.asarray(1.0 / (a * a * b * b * ((along / a) ** 2 + (across / b) ** 2) ** 1.5))

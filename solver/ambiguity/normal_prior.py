@@ -1,0 +1,223 @@
+"""What is known of the normal: a direction, or a plane it lies in, each with its spread.
+
+Both poses are mirror images across a plane through the camera, a mapping that keeps volumes of positions and of
+directions: an even prior over poses gives them equal weight, exactly, and a prior over normals weighs them by its
+density alone, spread by what each candidate's own normal leaves open.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.viewing_cone import viewing_cone
+
+Array = NDArray[np.float64]
+
+_LOG_VISIBLE = -math.log(2.0 * math.pi)  # an even density over the normals that face the camera, per steradian
+
+
+@dataclass(frozen=True, eq=False)
+class NormalPrior:
+    """The normal is near a known direction: gravity, an inertial sensor, the frame before.
+
+    Attributes
+    ----------
+    normal : (3,) array
+        Out of the printed face, in the camera frame; of any length.
+    spread_deg : float
+        The density of the true normal falls as exp(-theta^2 / (2 spread^2)), theta the angle to `normal`: a normal
+        distribution on the tangent plane, one standard deviation along one axis.
+    source : str
+        What it rests on, in words.
+    """
+
+    normal: Array
+    spread_deg: float = 10.0
+    source: str = "the declared normal"
+
+    def problem(self) -> str:
+        """What is wrong with it; empty if nothing is."""
+        return _problem(self.normal, self.spread_deg)
+
+    def verdict(self, sighting: Sighting) -> Verdict:
+        """Density of the prior at each candidate, spread by the candidate's covariance."""
+        mean = _unit(self.normal)
+        s2 = math.radians(self.spread_deg) ** 2
+        log, far, angles = [], [], []
+        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+            across = _cross(n, mean)
+            sine = math.sqrt(_dot(across, across))
+            angle = math.atan2(sine, _dot(n, mean))
+            # u from the candidate toward the prior, in the candidate's tangent plane, v across it.
+            v = [x / sine for x in across] if sine > 1e-12 else _unit(_cross(n, _least(n)))
+            u = _cross(v, n)
+            cu = [_dot(row, u) for row in cov]
+            uu, uv, vv = s2 + _dot(u, cu), _dot(v, cu), s2 + _dot(v, [_dot(row, v) for row in cov])
+            determinant = uu * vv - uv * uv
+            far.append(angle * angle * vv / determinant)
+            log.append(-0.5 * far[-1] - 0.5 * math.log(determinant) - math.log(2.0 * math.pi))
+            angles.append(math.degrees(angle))
+        return _weigh(log, far, f"{self.source} (+-{self.spread_deg:g} deg)", angles, "off")
+
+
+@dataclass(frozen=True, eq=False)
+class GreatCirclePrior:
+    """The normal is near the plane across an axis: that of a wall is horizontal, whichever way the wall faces.
+
+    Attributes
+    ----------
+    axis : (3,) array
+        In the camera frame; of any length.
+    spread_deg : float
+        Standard deviation of the angle between the normal and that plane.
+    toward : (3,) array or None
+        The normal lies on this side of the axis (its product with `toward` is positive), where that is known.
+    source : str
+    """
+
+    axis: Array
+    spread_deg: float = 10.0
+    toward: Array | None = None
+    source: str = "the declared plane of the normal"
+
+    def problem(self) -> str:
+        """What is wrong with it; empty if nothing is."""
+        return _problem(self.axis, self.spread_deg) or ("" if self.toward is None else _problem(self.toward, 1.0))
+
+    def verdict(self, sighting: Sighting) -> Verdict:
+        """As `NormalPrior.verdict`; along the great circle the density is even."""
+        axis = _unit(self.axis)
+        toward = None if self.toward is None else _unit(self.toward)
+        length = 2.0 * math.pi if toward is None else math.pi  # of the circle, or of its half
+        s2 = math.radians(self.spread_deg) ** 2
+        log, far, angles = [], [], []
+        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+            angle = math.asin(max(-1.0, min(1.0, _dot(n, axis))))
+            variance = s2 + _dot(axis, [_dot(row, axis) for row in cov])
+            distance = angle * angle / variance
+            value = -0.5 * distance - 0.5 * math.log(2.0 * math.pi * variance) - math.log(length)
+            if toward is not None:
+                z = _dot(n, toward) / math.sqrt(s2 + _dot(toward, [_dot(row, toward) for row in cov]))
+                value += math.log(max(0.5 * math.erfc(-z / math.sqrt(2.0)), 1e-300))
+                distance += min(z, 0.0) ** 2
+            far.append(distance)
+            log.append(value)
+            angles.append(abs(math.degrees(angle)))
+        return _weigh(log, far, f"{self.source} (+-{self.spread_deg:g} deg)", angles, "out of it")
+
+
+def _problem(vector: ArrayLike, spread_deg: float) -> str:
+    v = np.asarray(vector, dtype=np.float64)
+    if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(v) or not 0 < spread_deg < math.inf:
+        return "a prior normal must be a finite vector of three numbers that is not zero, with a positive spread"
+    return ""
+
+
+# Plain numbers: an array operation on three of them takes as long as all of a verdict, and every detection asks.
+def _dot(a: list[float], b: list[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: list[float], b: list[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _unit(vector: ArrayLike) -> list[float]:
+    x, y, z = (float(v) for v in np.asarray(vector).tolist())
+    length = math.hypot(x, y, z)
+    return [x / length, y / length, z / length]
+
+
+def _least(n: list[float]) -> list[float]:
+    """The axis of the frame that is farthest from n."""
+    i = min(range(3), key=lambda j: abs(n[j]))
+    return [float(j == i) for j in range(3)]
+
+
+def _normal_cov(sighting: Sighting) -> list[list[list[float]]]:
+    """Covariance (2, 3, 3) of both normals: as given, else from ellipse and camera, else none."""
+    if sighting.cov is not None:
+        own: list[list[list[float]]] = sighting.cov[:, 3:, 3:].tolist()
+        if math.isfinite(sum(map(sum, own[0])) + sum(map(sum, own[1]))):
+            return own
+    cone = viewing_cone(sighting)
+    if cone is None:
+        return [[[0.0] * 3] * 3] * 2
+    g = cone.spread(cone.normal)
+    both: list[list[list[float]]] = (g @ g.swapaxes(-1, -2)).tolist()
+    return both
+
+
+def _weigh(log: list[float], far: list[float], source: str, angles: list[float], how: str) -> Verdict:
+    even = math.log(MISTAKES) + _LOG_VISIBLE
+    top = max(*log, even)
+    first, second = (math.log((1.0 - MISTAKES) * math.exp(v - top) + math.exp(even - top)) for v in log)
+    basis = f"{source}: the candidates are {angles[0]:.1f} and {angles[1]:.1f} deg {how}"
+    if min(far) > MISFIT:
+        basis += ", it fits neither"
+    return Verdict(first - second, basis)
+
+
+def previous_normal(
+    normal: ArrayLike, spread_deg: float = 10.0, camera_from_previous: ArrayLike | None = None
+) -> NormalPrior:
+    """The normal of the frame before as a prior.
+
+    Parameters
+    ----------
+    normal : (3,) array_like
+        Chosen normal of the frame before, in that frame's camera coordinates.
+    spread_deg : float
+        How far marker and camera may have turned since, together with the error of the estimate before.
+    camera_from_previous : (3, 3) array_like, optional
+        Rotation that takes that camera's coordinates to this one's, where it is known.
+    """
+    n = np.asarray(normal, dtype=np.float64)
+    if camera_from_previous is not None:
+        n = np.asarray(camera_from_previous, dtype=np.float64) @ n
+    return NormalPrior(n, spread_deg, "the normal of the frame before")
+
+
+def on_floor(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> NormalPrior | GreatCirclePrior:
+    """A marker on a floor or a table: its normal points up.
+
+    Parameters
+    ----------
+    gravity : (3,) array_like, optional
+        Direction in which things fall, in the camera frame (x right, y down, z forward): (0, 1, 0) for a level camera.
+        Left out: the image is taken upright (not rolled), how far the camera looks down is not known.
+    spread_deg : float
+        Of gravity and the floor together; without gravity, of the camera's roll.
+    """
+    return _lying(gravity, spread_deg, -1.0, "a floor")
+
+
+def on_ceiling(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> NormalPrior | GreatCirclePrior:
+    """A marker on a ceiling: its normal points down; see `on_floor`."""
+    return _lying(gravity, spread_deg, 1.0, "a ceiling")
+
+
+def on_wall(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> GreatCirclePrior:
+    """A marker on a wall: its normal is horizontal, and nothing more.
+
+    Parameters
+    ----------
+    gravity : (3,) array_like, optional
+        As in `on_floor`; left out: the camera is level, within the spread.
+    spread_deg : float
+    """
+    known = gravity is not None
+    axis = np.asarray(gravity if known else (0.0, 1.0, 0.0), dtype=np.float64)
+    return GreatCirclePrior(axis, spread_deg, source="a wall" if known else "a wall seen by a level camera")
+
+
+def _lying(gravity: ArrayLike | None, spread_deg: float, sign: float, what: str) -> NormalPrior | GreatCirclePrior:
+    if gravity is not None:
+        return NormalPrior(sign * np.asarray(gravity, dtype=np.float64), spread_deg, what)
+    upright, down = np.array([1.0, 0.0, 0.0]), np.array([0.0, sign, 0.0])
+    return GreatCirclePrior(upright, spread_deg, down, f"{what} in an upright image")

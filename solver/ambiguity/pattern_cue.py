@@ -1,0 +1,128 @@
+"""A known print inside the circle as evidence: seen through both poses, over all turns in the plane.
+
+Source of the idea: A. Pagani et al., Circular markers for camera pose estimation, WIAMIS (2011): rectify with both
+poses and keep the one nearer to the expected pattern. Here the print is predicted where the pixels are, not the pixels
+resampled, and the likelihood is that of the pixels with what is uncertain integrated out: ellipse, focal length,
+principal point, turn, blur, grey levels and a slope of the light. Both poses differ inside the circle by a fraction of
+a pixel: without those, a residual of the wrong cause would decide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.scenes.markers.marker import Bar, Disc
+from roundel.solver.ambiguity.observation import MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.pattern_prediction import PredictedPrint, region_inside
+from roundel.solver.ambiguity.viewing_cone import viewing_cone
+
+Array = NDArray[np.float64]
+
+_SURE = math.log(1e4)  # a model of a print is no better than that
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """What is printed inside the outer circle.
+
+    Attributes
+    ----------
+    texture : (n, n) array
+        Reflectance over the square that encloses the outer circle: rows from the top (Y = +1 radius) down, columns from
+        X = -1 radius to the right; the marker frame has X right, Y up.
+    name : str
+    """
+
+    texture: Array
+    name: str = "known pattern"
+
+    def problem(self) -> str:
+        """What is wrong with it; empty if nothing is."""
+        t = np.asarray(self.texture)
+        if t.ndim != 2 or t.shape[0] != t.shape[1] or t.shape[0] < 8 or not np.all(np.isfinite(t)):
+            return "a pattern is a square array of at least 8 by 8 finite reflectances"
+        return "" if np.ptp(t) > 0 else "a pattern of one shade tells nothing"
+
+    def verdict(self, sighting: Sighting) -> Verdict:
+        """Likelihood of the pixels inside the outer contour under both poses."""
+        cone = viewing_cone(sighting)
+        if cone is None or sighting.image is None or sighting.assumed is None or sighting.ellipse is None:
+            return Verdict(0.0, f"{self.name}: not looked for, there is no image, ellipse or camera")
+        region = region_inside(sighting.image, sighting.assumed.camera, sighting.ellipse, sighting.blur_px)
+        if region is None:
+            return Verdict(0.0, f"{self.name}: too few pixels inside the circle")
+        print_ = PredictedPrint(np.asarray(self.texture, dtype=np.float64), cone, region, sighting.blur_px)
+        value = region.value
+        plain = value - print_.light @ np.linalg.lstsq(print_.light, value, rcond=None)[0]
+        fits = [print_.fit(i) for i in range(2)]
+        noise2 = max(min(fit.left for fit in fits) / max(len(value) - 12, 1), 1.0 / 12.0)
+        total = float(plain @ plain)
+        seen = 1.0 - min(fit.left for fit in fits) / max(total, 1e-12)
+        if seen < 0.5:
+            return Verdict(
+                0.0, f"{self.name}: not seen, it explains {100 * max(seen, 0.0):.0f} % of the pixels' variance"
+            )
+        # One time in a hundred something else is printed there: then the pixels are as likely as without the pattern.
+        other = math.log(MISTAKES) - 0.5 * total / noise2
+        log = [float(np.logaddexp(math.log1p(-MISTAKES) + fit.log_likelihood(noise2), other)) for fit in fits]
+        odds = max(-_SURE, min(_SURE, log[0] - log[1]))
+        rms = [math.sqrt(fit.left / len(value)) for fit in fits]
+        return Verdict(odds, f"{self.name}: it leaves {rms[0]:.3g} and {rms[1]:.3g} DN of the pixels under both poses")
+
+
+def pattern_of(
+    reflectance: Callable[[Array, Array], ArrayLike], name: str = "known pattern", size: int = 256
+) -> Pattern:
+    """A pattern from a function of marker coordinates.
+
+    Parameters
+    ----------
+    reflectance : callable
+        Takes X and Y (arrays, in outer radii; X right, Y up), returns reflectances of the same shape.
+    name : str
+    size : int
+        Cells a side; each is the mean of 34 points.
+    """
+    # A Fibonacci lattice: edges along the axes, too, are known to a 34th of a cell.
+    total = np.zeros((size, size))
+    for i in range(34):
+        at = np.arange(size) * (2.0 / size) - 1.0
+        x, y = np.meshgrid(at + (i + 0.5) / 34 * (2.0 / size), -at - ((21 * i) % 34 + 0.5) / 34 * (2.0 / size))
+        total += np.asarray(reflectance(x, y), dtype=np.float64)
+    return Pattern(total / 34, name)
+
+
+def pattern_of_shapes(
+    shapes: Sequence[Disc | Bar], radius_m: float, paper: float, name: str = "known pattern"
+) -> Pattern:
+    """A pattern from the discs and bars that a marker is made of, painted in order (see `scenes.marker`)."""
+
+    def reflectance(x: Array, y: Array) -> Array:
+        out = np.full_like(x, paper)
+        for shape in shapes:
+            dx, dy = x * radius_m - shape.x_m, y * radius_m - shape.y_m
+            if isinstance(shape, Disc):
+                inside = np.hypot(dx, dy) < shape.radius_m
+            else:
+                c, s = math.cos(math.radians(shape.turn_deg)), math.sin(math.radians(shape.turn_deg))
+                inside = (np.abs(c * dx + s * dy) < shape.length_m / 2) & (np.abs(c * dy - s * dx) < shape.width_m / 2)
+            out[inside] = shape.reflectance
+        return out
+
+    return pattern_of(reflectance, name)
+
+
+def orientation_tick(from_radii: float = 0.5, to_radii: float = 0.9, width_radii: float = 0.12) -> Pattern:
+    """A bar of paper along +X in a disc of ink, as `roundel` prints it on the marker `disc_with_tick`.
+
+    It reaches to one side only, and says too much: its probabilities are off by 0.09 (`benchmarks/choice.py`, where
+    0.03 is allowed), so that no word of `--knowledge` stands for it.
+    """
+    return pattern_of(
+        lambda x, y: ((x > from_radii) & (x < to_radii) & (np.abs(y) < width_radii / 2)) * 1.0, "orientation tick"
+    )

@@ -1,0 +1,51 @@
+"""An image at a whole fraction of its size, and what was found there in the pixels of the whole one.
+
+Blur shrinks with the image and noise is averaged: a contour too soft or too noisy to be found is found there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
+from roundel.solver.fit.edges import EdgePoints
+
+Array = NDArray[np.float64]
+
+# What cv2.resize takes; anything else goes through float32.
+_RESIZABLE = ("uint8", "uint16", "float32", "float64")
+
+
+def reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
+    """The means of squares of `factor` pixels; a remainder at the right and lower border is left out."""
+    height, width = (n // factor for n in image.shape)
+    whole = image[: height * factor, : width * factor]
+    if whole.dtype.name not in _RESIZABLE:
+        whole = whole.astype(np.float32)
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def enlarged_ellipse(ellipse: Array, factor: int) -> Array:
+    """An ellipse (5,) of the reduced image in the pixels of the whole one: pixel 0 is centred at 0 in both."""
+    scale, shift = np.array([factor, factor, factor, factor, 1.0]), (factor - 1) / 2
+    return np.asarray(ellipse * scale + np.array([shift, shift, 0.0, 0.0, 0.0]))
+
+
+def enlarged(edges: EdgePoints, factor: int) -> EdgePoints:
+    """Edge points of the reduced image in the pixels of the whole one."""
+    # Of the blur there the larger pixel is a part, of the blur here this one's.
+    variance = factor**2 * (edges.blur_px**2 + PIXEL_VARIANCE) - PIXEL_VARIANCE
+    return replace(
+        edges,
+        points_px=edges.points_px * factor + (factor - 1) / 2,
+        sigma_px=edges.sigma_px * factor,
+        ellipse=enlarged_ellipse(edges.ellipse, factor),
+        blur_px=math.sqrt(variance),
+        reach_px=(edges.reach_px[0] * factor, edges.reach_px[1] * factor),
+    )

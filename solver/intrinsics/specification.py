@@ -1,0 +1,286 @@
+"""Which camera an estimate is made with: the frame's own, a scaled or calibrated one, or one that is assumed.
+
+The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones (the paper; errata,
+section 4). What is assumed says how firmly and on what ground: `solver.assumed_camera`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
+from roundel.scenes.errors import DataError, UsageError
+from roundel.solver.intrinsics.exif import FILM_DIAGONAL_MM, ExifFocal, ExifTags, NoFocal, focal_of_exif
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+
+DEFAULT_FOCAL_35MM_MM = 29.95
+DEFAULT_FOCAL_35MM_SIGMA_MM = 3.444  # 11.5 %
+FILM_WIDTH_MM = 36.0
+
+# Of each coordinate of a principal point that is taken to be the centre, as a fraction of the longer side. OpenSfM's
+# prior for photographs is the same (`principal_point_sd`, 0.01); stabilised lenses move by as much from shot to shot.
+PRINCIPAL_SIGMA = 0.01
+
+Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
+Convention = Literal["diagonal", "width", "crop43"]
+
+_FORMS = (
+    "true",
+    "default",
+    "default:width",
+    "default:crop43",
+    "exif",
+    "scaled:0.7",
+    "calibrated:FILE",
+    "focal:3100+-60",
+    "focal35:26+-1",
+)
+_BY = {
+    "diagonal": "by diagonal",
+    "width": "by width",
+    "crop43": "by the diagonal of the 4:3 sensor that the image is cut from",
+}
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """One `--intrinsics` argument.
+
+    Attributes
+    ----------
+    label : str
+        As it stands in the records; never a path.
+    kind : str
+    factor : float
+        Of `scaled`.
+    convention : str
+        What 35-mm equivalence compares: `diagonal`, `width`, or the diagonal of the whole 4:3 sensor (`crop43`).
+    camera : Camera or None
+        Of `calibrated`.
+    focal, focal_sigma : float
+        Of `focal` (px) and `focal35` (mm), the spread as a fraction of the focal length.
+    """
+
+    label: str
+    kind: Kind
+    factor: float = 1.0
+    convention: Convention = "diagonal"
+    camera: Camera | None = None
+    focal: float = 0.0
+    focal_sigma: float = 0.0
+
+
+def parse_intrinsics(text: str) -> Intrinsics:
+    """Read one `--intrinsics` argument.
+
+    - `true`: the frame's own camera; `scaled:X`: that with its focal lengths times X;
+    - `calibrated:FILE`: a camera file, as `roundel calibrate` writes it;
+    - `default`, `default:width`, `default:crop43`: the default phone, by the three conventions of 35-mm equivalence;
+    - `exif`: the focal length of the file's EXIF;
+    - `focal:PX`, `focal35:MM`: a focal length of the user's, in pixels or as a 35-mm equivalent; what follows `+-` is
+      its standard deviation, in the same unit or in per cent: `focal:3100+-60`, `focal35:26+-4%`. Without it, it is
+      taken as exact.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these, a number is no positive number, or there is no such file.
+    DataError
+        If the file holds no camera.
+    """
+    text = text.strip()
+    name, colon, value = text.partition(":")
+    if name == "calibrated":
+        if not value:
+            raise UsageError("--intrinsics calibrated: name the camera file, as calibrated:FILE")
+        return _calibrated(Path(value))
+    if name == "scaled":
+        return _scaled(value)
+    if name == "focal":
+        return _focal("focal", value, "px", "focal:3100+-60")
+    if name == "focal35":
+        return _focal("focal35", value, "mm", "focal35:26+-1")
+    if text == "default:width":
+        return Intrinsics(text, "default", convention="width")
+    if text == "default:crop43":
+        return Intrinsics(text, "default", convention="crop43")
+    if name == "true" and not colon:
+        return Intrinsics("true", "true")
+    if name == "default" and not colon:
+        return Intrinsics("default", "default")
+    if name == "exif" and not colon:
+        return Intrinsics("exif", "exif")
+    close = difflib.get_close_matches(text, _FORMS, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(_FORMS)}"
+    raise UsageError(f"--intrinsics {text}: unknown; {hint}")
+
+
+def _positive(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and value > 0 else None
+
+
+def _scaled(value: str) -> Intrinsics:
+    factor = _positive(value)
+    if factor is None:
+        raise UsageError(f"--intrinsics scaled:{value}: the factor must be a positive number, as scaled:0.7")
+    return Intrinsics(f"scaled:{factor:g}", "scaled", factor=factor)
+
+
+def _focal(kind: Literal["focal", "focal35"], value: str, unit: str, example: str) -> Intrinsics:
+    first, spread, last = value.replace("±", "+-").partition("+-")
+    focal = _positive(first.strip().removesuffix(unit))
+    if focal is None:
+        raise UsageError(f"--intrinsics {kind}:{value}: give a positive focal length in {unit}, as {example}")
+    if not spread:
+        return Intrinsics(f"{kind}:{focal:g}", kind, focal=focal)
+    per_cent = last.strip().endswith("%")
+    sigma = _positive(last.strip().removesuffix("%").removesuffix(unit))
+    # Beyond a half of itself a normal distribution is no belief about a positive number.
+    if sigma is None or (sigma := sigma / 100 if per_cent else sigma / focal) > 0.5:
+        raise UsageError(
+            f"--intrinsics {kind}:{value}: after +- give its standard deviation, in {unit} or %, at most half of it, "
+            f"as {example}"
+        )
+    shown = f"{100 * sigma:g}%" if per_cent else f"{sigma * focal:g}"
+    return Intrinsics(f"{kind}:{focal:g}+-{shown}", kind, focal=focal, focal_sigma=sigma)
+
+
+def _calibrated(path: Path) -> Intrinsics:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise UsageError(
+            f"--intrinsics calibrated:{path}: there is no such file; `roundel calibrate` writes one"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: not a camera file; `roundel calibrate` writes one") from error
+    try:
+        camera = camera_from_json(record)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+    return Intrinsics(f"calibrated:{path.stem}", "calibrated", camera=camera)
+
+
+def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
+    """The camera alone of `assumed_camera_for`."""
+    return assumed_camera_for(spec, camera, width_px, height_px).camera
+
+
+def assumed_camera_for(
+    spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int, exif: ExifTags | None = None
+) -> AssumedCamera:
+    """The camera to estimate with, and how well it is known.
+
+    Parameters
+    ----------
+    spec : Intrinsics
+    camera : Camera or None
+        The frame's own, where it is known.
+    width_px, height_px : int
+        Size of the image.
+    exif : ExifTags, optional
+        Of a photograph; a dataset's frame has its 35-mm equivalent in `camera`.
+
+    Returns
+    -------
+    AssumedCamera
+        What is assumed has a centred principal point, square pixels and no distortion. `scaled` multiplies fx and fy
+        and keeps the rest. `true`, `scaled` and `calibrated` are taken as exact: their spreads are 0.
+
+    Raises
+    ------
+    UsageError
+        If the frame's camera is needed and not known, has no EXIF focal length, or the file is of another image size.
+    """
+    size = (width_px, height_px)
+    if spec.kind == "calibrated":
+        assert spec.camera is not None
+        _check_size(spec, size)
+        return AssumedCamera(spec.camera, basis=f"calibrated camera {spec.label.partition(':')[2]}, taken as exact")
+    if spec.kind == "default":
+        focal_px = _focal_px(DEFAULT_FOCAL_35MM_MM, size, spec.convention)
+        sigma = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
+        stated = f"{DEFAULT_FOCAL_35MM_MM} mm (35-mm equivalent, {_BY[spec.convention]})"
+        return _ideal(focal_px, size, sigma, f"default phone model: {stated}, +- {100 * sigma:.1f} %")
+    if spec.kind == "focal":
+        basis = f"focal length given: {spec.focal:g} px, {_spread(spec.focal_sigma)}"
+        return _ideal(spec.focal, size, spec.focal_sigma, basis)
+    if spec.kind == "focal35":
+        basis = f"focal length given: {spec.focal:g} mm (35-mm equivalent, by diagonal), {_spread(spec.focal_sigma)}"
+        return _ideal(_focal_px(spec.focal, size, "diagonal"), size, spec.focal_sigma, basis)
+    if spec.kind == "exif":
+        return _by_exif(spec, camera, size, exif)
+    if camera is None:
+        raise UsageError(f"--intrinsics {spec.label}: the camera of these images is not known; use default")
+    if spec.kind == "scaled":
+        k = np.array(camera.K, dtype=np.float64)
+        k[0, 0] *= spec.factor
+        k[1, 1] *= spec.factor
+        scaled = replace(camera, width_px=width_px, height_px=height_px, K=k)
+        return AssumedCamera(scaled, basis=f"the frame's own camera, its focal length times {spec.factor:g}")
+    return AssumedCamera(camera, basis="the frame's own camera, taken as exact")
+
+
+def _check_size(spec: Intrinsics, size: tuple[int, int]) -> None:
+    assert spec.camera is not None
+    calibrated = (spec.camera.width_px, spec.camera.height_px)
+    if calibrated != size:
+        turned = "; the photograph is turned upright by its EXIF" if calibrated == size[::-1] else ""
+        raise UsageError(
+            f"--intrinsics {spec.label}: calibrated for {calibrated[0]}x{calibrated[1]} px, "
+            f"but the image has {size[0]}x{size[1]}{turned}; calibrate at the size of the images"
+        )
+
+
+def _by_exif(spec: Intrinsics, camera: Camera | None, size: tuple[int, int], exif: ExifTags | None) -> AssumedCamera:
+    if exif is None:
+        if camera is None:
+            raise UsageError(f"--intrinsics {spec.label}: the camera of these images is not known; use default")
+        if camera.focal_35mm_mm is None:
+            raise UsageError("--intrinsics exif: a frame has no 35-mm focal length in its EXIF; use default")
+        exif = ExifTags(focal_35mm_mm=camera.focal_35mm_mm)
+    focal: ExifFocal | NoFocal = focal_of_exif(exif, *size)
+    if isinstance(focal, NoFocal):
+        raise UsageError(f"--intrinsics exif: {focal.reason}; use default, or focal35:MM")
+    return _ideal(focal.focal_px, size, focal.sigma, focal.basis)
+
+
+def _spread(sigma: float) -> str:
+    return f"+- {100 * sigma:.3g} %" if sigma > 0 else "taken as exact"
+
+
+def focal_px_of(focal_35mm_mm: float, width_px: int, height_px: int, by_width: bool = False) -> float:
+    """Focal length in pixels of a 35-mm-equivalent one: the same diagonal angle of view, or the same horizontal one.
+
+    Source: errata, section 4 (CIPA DCG-001 and EXIF's FocalLengthIn35mmFilm mean the diagonal). Portrait or landscape
+    makes no difference: the longer side counts as the width.
+    """
+    return _focal_px(focal_35mm_mm, (width_px, height_px), "width" if by_width else "diagonal")
+
+
+def _focal_px(focal_35mm_mm: float, size: tuple[int, int], convention: Convention) -> float:
+    long_px, short_px = max(size), float(min(size))
+    if convention == "width":
+        return focal_35mm_mm * long_px / FILM_WIDTH_MM
+    if convention == "crop43":  # an image that is no wider than 4:3 is the whole sensor
+        short_px = max(short_px, 0.75 * long_px)
+    return focal_35mm_mm * math.hypot(long_px, short_px) / FILM_DIAGONAL_MM
+
+
+def _ideal(focal_px: float, size: tuple[int, int], focal_sigma: float, basis: str) -> AssumedCamera:
+    cx, cy = principal_point_at_centre(*size)
+    k = np.array([[focal_px, 0.0, cx], [0.0, focal_px, cy], [0.0, 0.0, 1.0]])
+    focal_35mm_mm = focal_px * FILM_DIAGONAL_MM / math.hypot(*size)
+    camera = Camera(size[0], size[1], k, focal_35mm_mm=focal_35mm_mm)
+    return AssumedCamera(camera, focal_sigma, PRINCIPAL_SIGMA * max(size), basis)

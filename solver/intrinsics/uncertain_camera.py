@@ -1,0 +1,29 @@
+"""A camera that is assumed rather than measured: what is believed of it, how firmly, and on what ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from roundel.scenes.camera.model import Camera
+
+
+@dataclass(frozen=True)
+class AssumedCamera:
+    """A camera to estimate with, and how well it is known.
+
+    Attributes
+    ----------
+    camera : Camera
+        Its best guess.
+    focal_sigma : float
+        Standard deviation of the focal length, as a fraction of it; 0 where it is taken as exact.
+    principal_sigma_px : float
+        Standard deviation of each coordinate of the principal point; 0 where it is taken as exact.
+    basis : str
+        What the numbers rest on, in words for the user.
+    """
+
+    camera: Camera
+    focal_sigma: float = 0.0
+    principal_sigma_px: float = 0.0
+    basis: str = "the camera that was given"

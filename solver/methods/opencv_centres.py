@@ -1,0 +1,46 @@
+"""OpenCV's own finders of round things, as methods: centres alone, no pose. Written as anyone would write theirs."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.solver.methods.plugin import Found, View
+
+
+def _detector(grey: NDArray[np.uint8]) -> cv2.SimpleBlobDetector:
+    """`cv2.SimpleBlobDetector` with two of its limits moved, and its own filter of circularity on."""
+    parameters = cv2.SimpleBlobDetector.Params()
+    # Its areas end at 5,000 px, a disc of 80 px; and two dots nearer than 10 px are one to it.
+    parameters.minArea, parameters.maxArea = 25.0, float(grey.size)
+    parameters.minDistBetweenBlobs = 2.0
+    # A circle tilted by 63 degrees has 0.80, a square 0.785: without it, sheets of paper are blobs, too.
+    parameters.filterByCircularity, parameters.minCircularity = True, 0.8
+    return cv2.SimpleBlobDetector.create(parameters)
+
+
+def blobs(view: View) -> list[Found]:
+    """Centres of dark blobs by `cv2.SimpleBlobDetector`."""
+    return [Found(centre_px=point.pt) for point in _detector(view.grey).detect(view.grey)]
+
+
+def circles_grid(view: View) -> list[Found]:
+    """Centres of a rectangular grid of dots by `cv2.findCirclesGrid`.
+
+    The grid's size is read from the layout of the printed marker (`columns`, `rows`).
+    """
+    grey = view.grey
+    sizes = {(m["layout"]["columns"], m["layout"]["rows"]) for m in view.markers if _is_grid(m.get("layout"))}
+    out: list[Found] = []
+    for size in sorted(sizes):
+        found, centres = cv2.findCirclesGrid(
+            grey, size, flags=cv2.CALIB_CB_SYMMETRIC_GRID, blobDetector=_detector(grey)
+        )
+        if found:
+            out += [Found(centre_px=centre) for centre in np.reshape(centres, (-1, 2))]
+    return out
+
+
+def _is_grid(layout: object) -> bool:
+    return isinstance(layout, dict) and {"columns", "rows"} <= set(layout)

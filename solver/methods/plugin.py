@@ -1,0 +1,190 @@
+"""A method of your own: what it is given, what it gives back, and how that is checked (docs/your-own-method.md).
+
+A method is a callable `find(view)`: one image in, a list of what it found out. It sees what a solver may see: the
+image, a camera, and what is printed. An example of the smallest kind, for a method that only finds centres:
+
+    import cv2
+    from roundel.solver.methods.plugin import Found, View
+
+    def find(view: View) -> list[Found]:
+        '''Centres by OpenCV's blob detector.'''
+        detector = cv2.SimpleBlobDetector_create()
+        return [Found(centre_px=point.pt) for point in detector.detect(view.grey)]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.scenes.camera.model import Camera
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import camera_from_marker_of
+
+Array = NDArray[np.float64]
+
+UNIT_TOLERANCE = 1e-6
+# A printed circle seen smaller than this cannot have been detected: its pose is in other units.
+LEAST_SEMI_AXIS_PX = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a method may see of a frame. Every call gets its own copy.
+
+    Attributes
+    ----------
+    image : (H, W) or (H, W, 3) array
+        uint8 or uint16, as the camera delivered it: RGB, lens distortion and the sensor's curve still in it.
+    camera : Camera
+        The intrinsics that `--intrinsics` asks for: `K`, `distortion`, `distortion_model`, `width_px`, `height_px`.
+        With `default` or `scaled:0.7` they are not the true ones.
+    diameter_m : float
+        Outer diameter of the printed circle.
+    markers : list of dict
+        What is printed: `marker_id`, `kind`, `diameter_m`, `layout`. No pose.
+    saturation_dn : float
+        The level at which pixels saturate.
+    """
+
+    image: NDArray[Any]
+    camera: Camera
+    diameter_m: float
+    markers: list[dict[str, Any]] = field(default_factory=list)
+    saturation_dn: float = 255.0
+
+    @property
+    def grey(self) -> NDArray[np.uint8]:
+        """The image as (H, W) uint8, colours averaged: what OpenCV's detectors take."""
+        levels = self.image if self.image.ndim == 2 else self.image[..., :3].mean(axis=-1)
+        if levels.dtype == np.uint8:
+            return np.ascontiguousarray(levels)
+        return np.rint(np.clip(levels * (255.0 / self.saturation_dn), 0, 255)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One detection: of pose, ellipse and centre, whatever the method has; at least one of them.
+
+    Attributes
+    ----------
+    poses : sequence of (normal, centre_m)
+        None, one or both of the two candidates. `normal`: unit vector out of the printed face, toward the camera, in
+        OpenCV's camera frame (x right, y down, z forward); `centre_m`: the circle's centre there, in metres.
+    ellipse : (5,) array_like, optional
+        x_px, y_px, a_px, b_px, angle_deg of the circle's image: semi-axes a >= b, the angle from +x toward +y. In
+        undistorted pixel coordinates of `view.camera`. Without poses, both are computed from it.
+    centre_px : (2,) array_like, optional
+        Image of the circle's centre in the delivered image. Pixel (0, 0) is the centre of the top-left pixel.
+    chosen : int, optional
+        Which of two poses the method means; one alone is meant.
+    confidence : float, optional
+        0 to 1.
+    """
+
+    poses: Sequence[tuple[ArrayLike, ArrayLike]] = ()
+    ellipse: ArrayLike | None = None
+    centre_px: ArrayLike | None = None
+    chosen: int | None = None
+    confidence: float | None = None
+
+
+Finder = Callable[[View], Sequence[Found]]
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A detection after its check: float64 arrays, candidates in the order of the conventions."""
+
+    normal: Array | None
+    centre_m: Array | None
+    ellipse: Array | None
+    centre_px: Array | None
+    chosen: int | None
+    confidence: float | None
+
+
+def check_found(found: object, view: View) -> Checked:
+    """A method's answer, if it can be one.
+
+    Raises
+    ------
+    ValueError
+        With one clause that says what is wrong with it.
+    """
+    if not isinstance(found, Found):
+        raise ValueError(f"it is a {type(found).__name__}, and not a roundel.solver.methods.plugin.Found")
+    ellipse = None if found.ellipse is None else _numbers("ellipse", found.ellipse, 5)
+    if ellipse is not None and not ellipse[2] >= ellipse[3] > 0:
+        raise ValueError(
+            f"its ellipse has semi-axes a = {ellipse[2]:.6g}, b = {ellipse[3]:.6g} px; a >= b > 0 is needed"
+        )
+    centre_px = None if found.centre_px is None else _numbers("centre_px", found.centre_px, 2)
+    normal, centre, chosen = _poses(found, view)
+    if normal is None and ellipse is None and centre_px is None:
+        raise ValueError("it has neither a pose nor an ellipse nor a centre")
+    confidence = None if found.confidence is None else float(_numbers("confidence", [found.confidence], 1)[0])
+    if confidence is not None and not 0 <= confidence <= 1:
+        raise ValueError(f"its confidence is {confidence:g}; it is a number from 0 to 1")
+    return Checked(normal, centre, ellipse, centre_px, chosen, confidence)
+
+
+def _numbers(name: str, value: ArrayLike, count: int) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"its {name} is not {count} numbers: {_first_line(error)}") from error
+    if array.shape != (count,):
+        raise ValueError(f"its {name} has shape {array.shape}, not ({count},)")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"its {name} is not finite: {array.tolist()}")
+    return array
+
+
+def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | None]:
+    try:
+        pairs = [(_numbers("normal", n, 3), _numbers("centre_m", c, 3)) for n, c in found.poses]
+    except TypeError as error:
+        raise ValueError(f"its poses are not pairs (normal, centre_m): {_first_line(error)}") from error
+    if len(pairs) > 2:
+        raise ValueError(f"it has {len(pairs)} poses; a circle has two at most")
+    if found.chosen is not None and found.chosen not in range(len(pairs)):
+        raise ValueError(f"chosen is {found.chosen!r}, and it has {len(pairs)} poses")
+    if not pairs:
+        return None, None, None
+    for normal, centre in pairs:
+        length = float(np.linalg.norm(normal))
+        if abs(length - 1) > UNIT_TOLERANCE:
+            raise ValueError(f"its normal has length {length:.7g}; give a unit vector")
+        if centre[2] <= 0:
+            raise ValueError(f"its centre is behind the camera (z = {centre[2]:.6g} m)")
+        if normal @ centre >= 0:
+            raise ValueError("its normal points away from the camera; it is to point out of the printed face")
+        seen = semi_axis_px(normal, centre, view.diameter_m, view.camera)
+        if seen < LEAST_SEMI_AXIS_PX:
+            raise ValueError(
+                f"a circle of {view.diameter_m:g} m at {np.linalg.norm(centre):.4g} m would be {2 * seen:.2g} px wide; "
+                "is its centre in metres?"
+            )
+    # The order of the conventions: nearer to fronto-parallel first, at a tie the larger normal_x.
+    order = sorted(range(len(pairs)), key=lambda i: (pairs[i][0][2], -pairs[i][0][0]))
+    meant = 0 if len(pairs) == 1 else found.chosen
+    normals, centres = (np.stack([pairs[i][part] for i in order]) for part in (0, 1))
+    return normals, centres, None if meant is None else order.index(meant)
+
+
+def semi_axis_px(normal: Array, centre_m: Array, diameter_m: float, camera: Camera) -> float:
+    """Major semi-axis of the image of a circle; infinite where it has no ellipse (part of it is behind the camera)."""
+    try:
+        pose = camera_from_marker_of(normal, centre_m)
+        return float(ellipse_of_conic(conic_of_circle(pose, diameter_m / 2, camera.K))[2])
+    except ValueError:
+        return float("inf")
+
+
+def _first_line(error: BaseException) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)

@@ -1,0 +1,189 @@
+"""The methods there are: Roundel's fits, its finders, and what installed packages add under `roundel.methods`.
+
+A package adds one by an entry point; nothing of it is imported before it is asked for by name:
+
+    [project.entry-points."roundel.methods"]
+    mine = "my_package.my_module:find"
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint, entry_points
+
+import numpy as np
+
+from roundel.scenes.errors import UsageError
+from roundel.solver.ambiguity.disambiguation import Knowledge
+from roundel.solver.estimates import NOT_FOUND, Estimate
+from roundel.solver.fit.ellipse import EllipseFit
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.methods.plugin import Checked, Finder, View, check_found
+from roundel.solver.methods.pose_estimate import estimate_of
+from roundel.solver.methods.roundel_fits import METHODS
+
+GROUP = "roundel.methods"
+NOTHING = "nothing found"
+
+# Our own finders, loaded as anyone's.
+_FINDERS = {
+    "blobs": ("roundel.solver.methods.opencv_centres:blobs", "centres alone, by cv2.SimpleBlobDetector"),
+    "circles_grid": (
+        "roundel.solver.methods.opencv_centres:circles_grid",
+        "centres of a grid of dots, by cv2.findCirclesGrid",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method by name: where it is from, what it does, and how to load it (None: a fit of Roundel's own)."""
+
+    name: str
+    source: str
+    about: str
+    entry: EntryPoint | None = None
+
+
+def installed_methods() -> list[Method]:
+    """All methods, Roundel's first, each as often as packages offer it; imports none."""
+    ours = [Method(name, "roundel", about) for name, about in METHODS.items()]
+    ours += [Method(name, "roundel", about, EntryPoint(name, at, GROUP)) for name, (at, about) in _FINDERS.items()]
+    theirs = []
+    for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
+        source = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "a package without a name"
+        about = (entry.dist.metadata.json.get("summary") if entry.dist else None) or entry.value
+        theirs.append(Method(entry.name, source, " ".join(str(about).split()), entry))
+    return ours + theirs
+
+
+def method_lines() -> list[str]:
+    """A line for each method: name, source, what it does."""
+    methods = installed_methods()
+    widths = [max(len(getattr(m, part)) for m in methods) for part in ("name", "source")]
+    return [f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}" for m in methods]
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Refuse what is no method, or does not load.
+
+    Raises
+    ------
+    UsageError
+    """
+    if not methods:
+        raise UsageError(f"no method; use {', '.join(_names())}")
+    for name in methods:
+        finder_of(name)
+
+
+def finder_of(name: str) -> Finder | None:
+    """The callable of a method; None if it is one of Roundel's fits.
+
+    Raises
+    ------
+    UsageError
+        If there is no such method, or more than one, or it cannot be imported.
+    """
+    if name in METHODS:
+        return None
+    # A package cannot take a name that Roundel has.
+    offered = [m for m in installed_methods() if m.name == name and (name not in _FINDERS or m.source == "roundel")]
+    if not offered:
+        close = difflib.get_close_matches(name, _names(), n=1)
+        hint = f"did you mean {close[0]}?" if close else f"use {', '.join(_names())}"
+        raise UsageError(f"unknown method {name!r}; {hint}")
+    if len(offered) > 1:
+        sources = " and ".join(m.source for m in offered)
+        raise UsageError(f"method {name!r}: offered by {sources}; uninstall all but one of them")
+    method = offered[0]
+    assert method.entry is not None
+    try:
+        finder = method.entry.load()
+    except (Exception, SystemExit) as error:
+        raise UsageError(
+            f"method {name!r} of {method.source} cannot be imported from {method.entry.value}: {_said(error)}"
+        ) from error
+    if not callable(finder):
+        raise UsageError(f"method {name!r} of {method.source}: {method.entry.value} is not callable")
+    return finder  # type: ignore[no-any-return]
+
+
+def _names() -> list[str]:
+    return list(dict.fromkeys(m.name for m in installed_methods()))
+
+
+def find(
+    name: str, finder: Finder, view: View, assumed: AssumedCamera, knowledge: Knowledge, frame_id: int, label: str
+) -> list[Estimate]:
+    """What a method finds in a view, as records; whatever goes wrong in it is a failed record with the reason.
+
+    Parameters
+    ----------
+    name, finder
+        The method.
+    view : View
+    assumed : AssumedCamera
+        Whose camera the view has; its spreads go into the covariance of poses made from an ellipse.
+    knowledge : str, Evidence, a sequence of them, or None
+        See `choose`; it decides between poses made from an ellipse.
+    frame_id : int
+    label : str
+        Of the intrinsics.
+    """
+
+    def failed(detection_id: int, reason: str) -> Estimate:
+        return Estimate(frame_id, detection_id, name, label, "failed", f"{name}: {reason}", camera=assumed.camera)
+
+    try:
+        answer: object = finder(view)
+        found = list(answer) if isinstance(answer, Iterable) and not isinstance(answer, str | bytes) else None
+    except (Exception, SystemExit) as error:  # someone else's code: one frame's failure is that frame's
+        return [failed(NOT_FOUND, _said(error))]
+    if found is None:
+        return [failed(NOT_FOUND, f"it returned {type(answer).__name__}, and not a list of Found")]
+    if not found:
+        return [failed(NOT_FOUND, NOTHING)]
+    out = []
+    for n, one in enumerate(found):
+        try:
+            checked = check_found(one, view)
+        except ValueError as error:
+            out.append(failed(n, f"detection {n}: {_said(error, typed=False)}"))
+            continue
+        out.append(_estimate(checked, assumed, view.diameter_m, knowledge, (frame_id, n, name, label)))
+    return out
+
+
+def _estimate(
+    found: Checked, assumed: AssumedCamera, diameter_m: float, knowledge: Knowledge, key: tuple[int, int, str, str]
+) -> Estimate:
+    if found.normal is None and found.ellipse is not None:
+        # Both poses are ours then; how well the ellipse is known nobody said.
+        unknown = np.full((5, 5), np.nan)
+        fit = EllipseFit(found.ellipse, unknown, float("nan"), 0, unknown, np.empty(0))
+        made = estimate_of(fit, assumed, diameter_m, knowledge, key)
+        return replace(
+            made, edge_points=None, edge_sigma_px=None, confidence=found.confidence, centre_image=found.centre_px
+        )
+    return Estimate(
+        *key,
+        status="ok",
+        ellipse=found.ellipse,
+        camera=assumed.camera,
+        normal=found.normal,
+        centre_m=found.centre_m,
+        centre_image=found.centre_px,
+        chosen=found.chosen if found.normal is not None else 0,
+        choice_basis=f"chosen by {key[2]}" if found.chosen is not None else "",
+        confidence=found.confidence,
+        focal_sigma=assumed.focal_sigma,
+        intrinsics_basis=assumed.basis,
+    )
+
+
+def _said(error: BaseException, typed: bool = True) -> str:
+    line = " ".join(str(error).split())[:300]
+    return f"{type(error).__name__}: {line}" if typed and line else line or type(error).__name__

@@ -1,0 +1,122 @@
+"""From a detection to an ellipse, by any of the methods: each with what it is made from, and none silently replaced.
+
+Lens distortion is taken out of edge points and of pixels' positions, never out of the image: resampling destroys what
+sub-pixel edges are made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import Camera, distorts, undistort_px
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.detect.detect import Detection, detect
+from roundel.solver.fit.edges import edge_points
+from roundel.solver.fit.ellipse import (
+    EllipseFit,
+    FailedFit,
+    direct_ellipse,
+    ellipse_of_shape,
+    fit_ellipse,
+    shape_of_ellipse,
+)
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
+from roundel.solver.fit.pixel_fit import fit_pixels
+
+Array = NDArray[np.float64]
+
+METHODS = {
+    "pixels": "ellipse, blur and grey levels fitted to the pixels themselves",
+    "ml": "orthogonal distances of edge points",
+    "guaranteed": "Sampson distances of edge points, an ellipse by construction (Szpak et al. 2015)",
+    "direct": "algebraic distances of edge points (Halir and Flusser 1998)",
+    "edgedrawing": "OpenCV's own ellipse",
+}
+DEFAULT_METHOD = "pixels"
+_MIN_IMAGE_PX = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An image and what was detected in it.
+
+    Attributes
+    ----------
+    grey : (H, W) array
+        Grey levels, linear in the light.
+    full_scale_dn : float
+        The level at which its pixels saturate.
+    detections : list of Detection
+        The strongest first.
+    """
+
+    grey: NDArray[Any]
+    full_scale_dn: float
+    detections: list[Detection]
+
+
+def look_at(grey: NDArray[Any], full_scale_dn: float) -> Seen:
+    """Detect the circles of an image; none in one that is too small to hold any."""
+    return Seen(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
+
+
+def fit_detection(seen: Seen, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
+    """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
+
+    Where the pixels alone do not determine an ellipse (most of them saturated, too few of them), `pixels` falls back
+    on the edge points that the detection rests on: the record then is a plain `EllipseFit`.
+    """
+    if method == "pixels":
+        fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn)
+        return fit if fit else fit_detection(seen, detection, camera, "ml")
+    if method == "edgedrawing":
+        return _edgedrawing(detection, camera)
+    # A detection's points are as good as deciding on it asks for.
+    settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
+    edges = detection.edges if isinstance(settled, FailedFit) else settled
+    return fit_points(edges.points_px, edges.sigma_px, camera, method)
+
+
+def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit:
+    if detection.edgedrawing is None:
+        return FailedFit("EdgeDrawing found no ellipse on this contour")
+    ellipse: Array | FailedFit = ellipse_of_shape(shape_of_ellipse(detection.edgedrawing))
+    if distorts(camera):
+        outline = undistort_px(camera, ellipse_points(detection.edgedrawing, 64))
+        ellipse = direct_ellipse(outline[np.isfinite(outline).all(axis=1)])
+    points = undistort_px(camera, detection.edges.points_px)
+    points = points[np.isfinite(points).all(axis=1)]
+    return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
+
+
+def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:
+    """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
+
+    Points that have none (where the camera's lens images nothing, or beyond 90 degrees) are left out.
+    """
+    points = undistort_px(camera, points_px)
+    seen = np.isfinite(points).all(axis=1)
+    if len(points) and not seen.any():
+        return FailedFit("the contour lies outside the field of the camera's lens model")
+    points, sigma_px = points[seen], None if sigma_px is None else sigma_px[seen]
+    if method in ("ml", "pixels"):  # points are all there is
+        return fit_ellipse(points, sigma_px)
+    if method == "guaranteed":
+        return guaranteed_ellipse(points, sigma_px)
+    if method == "direct":
+        ellipse = direct_ellipse(points)
+        return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
+    return FailedFit("EdgeDrawing needs an image, and there are only points")
+
+
+def _plain_fit(ellipse: Array, points: Array) -> EllipseFit:
+    """An ellipse that comes without a covariance."""
+    residual = foot_points(ellipse, points)[0]
+    sigma = float(np.sqrt(np.sum(residual**2) / max(len(points) - 5, 1)))
+    unknown = np.full((5, 5), np.nan)
+    return EllipseFit(ellipse, unknown, sigma, len(points), unknown, residual)

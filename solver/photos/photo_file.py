@@ -1,0 +1,284 @@
+"""A photograph as a measuring instrument wants it: upright, grey, in linear light, with what its EXIF says.
+
+An edge is a step of light. Behind the curve that photographs are stored with its middle is not the mean of its sides,
+and a circle would be found some tenths of a pixel too large or too small: the curve is undone (see
+`roundel.datasets.layout.images`).
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.errors import DataError
+from roundel.solver.intrinsics.exif import ExifTags, read_exif
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+# The largest phones have 200 megapixels; beyond, a file of a few kB may still ask for all the memory there is.
+MAX_PIXELS = 256_000_000
+
+# Readers that only decode pixels: no PostScript, no layers, no documents.
+_FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM", "JPEG2000", "AVIF")
+_RAW = {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw"}
+_HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
+_DNG_VERSION = 50706
+_BITS_PER_SAMPLE = 258
+
+# Rec. 709 luminance: green leads. Cameras sample it twice as densely, and lateral colour moves red and blue.
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+_STRIP_ROWS = 512
+
+# Pillow's guard against huge images is one global number.
+_PILLOW = threading.Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A photograph, upright.
+
+    Attributes
+    ----------
+    grey : (H, W) float32 array
+        Luminance, linear in light, 0 to `saturation_dn`.
+    saturation_dn : float
+        The level at which pixels saturate, in the file's range (255, 65,535, or 1 for real numbers).
+    picture : (H, W, 3) uint8 array
+        To look at: RGB as it is shown.
+    exif : ExifTags
+    """
+
+    grey: NDArray[np.float32]
+    saturation_dn: float
+    picture: NDArray[np.uint8]
+    exif: ExifTags
+
+    @property
+    def width_px(self) -> int:
+        """Width of the upright image."""
+        return int(self.grey.shape[1])
+
+    @property
+    def height_px(self) -> int:
+        """Height of the upright image."""
+        return int(self.grey.shape[0])
+
+
+def read_photo(path: str | Path, linear: bool = False) -> Photo:
+    """Read a photograph: JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF or PPM, of 8 or 16 bits or real numbers.
+
+    Parameters
+    ----------
+    path : path
+    linear : bool
+        Whether pixel values are proportional to light already, as machine-vision cameras give them. Otherwise integers
+        are taken to be behind the sRGB curve (IEC 61966-2-1), which Display P3 shares; real numbers are linear always.
+
+    Returns
+    -------
+    Photo
+
+    Raises
+    ------
+    DataError
+        If the file is missing, no image, truncated, or has more than `MAX_PIXELS` pixels: one line that names it.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        what = "it is a folder, not a photograph" if path.is_dir() else error.strerror or type(error).__name__
+        raise DataError(f"{path}: cannot read: {what}") from error
+    problem = _unreadable(path, data)
+    if problem:
+        raise DataError(f"{path}: {problem}")
+    pixels, exif = _decode(path, data)
+    try:
+        return _photo(pixels, exif, linear)
+    except ValueError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def _unreadable(path: Path, data: bytes) -> str:
+    if not data:
+        return "this file is empty"
+    if data[4:8] == b"ftyp" and data[8:12] in _HEIF_BRANDS:
+        return "HEIC images are not read; export it as JPEG, with its metadata"
+    if path.suffix.lower() in _RAW:
+        return "raw files are not read; export it as JPEG or 16-bit TIFF, with its metadata"
+    return ""
+
+
+def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
+    """Upright pixels (H, W) or (H, W, C), and the tags."""
+    from PIL import Image, UnidentifiedImageError
+
+    with _quiet_and_large():
+        try:
+            Image.init()
+            formats = [name for name in _FORMATS if name in Image.OPEN]
+            with Image.open(io.BytesIO(data), formats=formats) as image:
+                count = image.width * image.height
+                if count > MAX_PIXELS:
+                    raise DataError(
+                        f"{path}: {image.width}x{image.height} px are {count / 1e6:.0f} megapixels, and "
+                        f"{MAX_PIXELS / 1e6:.0f} are the limit; make it smaller"
+                    )
+                if image.format == "TIFF" and _DNG_VERSION in getattr(image, "tag_v2", {}):
+                    raise DataError(f"{path}: raw files are not read; export it as JPEG or 16-bit TIFF")
+                deep = _is_deep_colour(image)
+                image.load()
+                # Only now: Pillow turns TIFFs upright itself, and then takes the tag away.
+                exif = read_exif(image)
+                pixels = _upright(_array(image), exif.orientation)
+        except DataError:
+            raise
+        except UnidentifiedImageError as error:
+            raise DataError(f"{path}: not an image, or cut short; JPEG, PNG, TIFF and WebP are read") from error
+        # Its readers raise whatever a damaged file makes of them: OSError, SyntaxError, ValueError, struct.error...
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise DataError(f"{path}: this image is truncated or corrupt ({reason})") from error
+    if deep:
+        pixels = _deep_colour(data, pixels, exif.orientation)
+    return pixels, exif
+
+
+@contextmanager
+def _quiet_and_large() -> Iterator[None]:
+    """Pillow without its warnings on stderr, and without its own limit: `MAX_PIXELS` is ours."""
+    from PIL import Image
+
+    with _PILLOW, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        logger = logging.getLogger("PIL")
+        limit, level = Image.MAX_IMAGE_PIXELS, logger.level
+        Image.MAX_IMAGE_PIXELS = None
+        logger.setLevel(logging.CRITICAL)
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
+            logger.setLevel(level)
+
+
+def _is_deep_colour(image: Image) -> bool:
+    """Whether this is 16-bit colour, of which Pillow gives the upper 8 bits."""
+    if image.mode not in ("RGB", "RGBA", "LA"):
+        return False
+    if image.format == "TIFF":
+        return bool(max(getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (8,))) == 16)
+    return any(";16" in str(tile) for tile in getattr(image, "tile", []))
+
+
+def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """All 16 bits of colour, through OpenCV; what Pillow read stands if the two do not show the same image."""
+    import cv2
+
+    deep: NDArray[Any] | None
+    try:
+        deep = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return shallow
+    if deep is None or deep.dtype != np.uint16 or deep.ndim != 3:
+        return shallow
+    deep = deep[..., [2, 1, 0, 3][: deep.shape[2]]]
+    # OpenCV turns TIFFs upright itself and PNGs not: the one that looks like Pillow's is right.
+    for candidate in (deep, _upright(deep, orientation)):
+        if candidate.shape[:2] == shallow.shape[:2]:
+            colours = min(candidate.shape[2], shallow.shape[2], 3)
+            difference = candidate[..., :colours] // 256 - shallow[..., :colours].astype(np.int32)
+            if np.max(np.abs(difference), initial=0) <= 1:
+                return np.ascontiguousarray(candidate)
+    return shallow
+
+
+def _array(image: Image) -> NDArray[Any]:
+    """Pixels as they are stored, palettes and other colour spaces as RGB, transparency as a last channel."""
+    mode = image.mode
+    if mode == "1":
+        return np.asarray(image).astype(np.uint8) * np.uint8(255)
+    if mode in ("L", "RGB", "RGBA", "F", "I") or mode.startswith("I;16"):
+        if "transparency" in image.info and mode in ("L", "RGB"):
+            return np.asarray(image.convert("RGBA"))
+        return np.asarray(image)
+    transparent = mode in ("LA", "La", "PA", "RGBa") or "transparency" in image.info
+    return np.asarray(image.convert("RGBA" if transparent else "RGB"))
+
+
+def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Undo the orientation tag: 2 mirrored, 3 upside down, 6 to be turned clockwise, 8 anticlockwise, and mirrored."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return np.ascontiguousarray(pixels)
+
+
+def _photo(pixels: NDArray[Any], exif: ExifTags, linear: bool) -> Photo:
+    if pixels.size == 0:
+        raise ValueError("this image has no pixels")
+    if np.issubdtype(pixels.dtype, np.floating):
+        if not np.all(np.isfinite(pixels)):
+            raise ValueError("this image holds numbers that are not finite")
+        # Some files hold 1e38, or less than no light: squares of it would overflow.
+        light = np.clip(pixels / max(1.0, float(np.max(pixels))), 0.0, 1.0)
+        shown = _encoded(light)
+        return Photo(light.astype(np.float32), 1.0, np.repeat(shown[..., None], 3, axis=2), exif)
+    if pixels.dtype.itemsize == 4:  # whole numbers of 32 bits; most hold 16
+        low, high = int(pixels.min()), int(pixels.max())
+        if low < 0 or high > 65_535:
+            raise ValueError(f"this image holds whole numbers from {low} to {high}; 0 to 65535 are read")
+        pixels = pixels.astype(np.uint16)
+    pixels = _on_white(pixels)
+    top = int(np.iinfo(pixels.dtype).max)
+    level = np.arange(top + 1) / top
+    light = top * (level if linear else _light_of_srgb(level))
+    shown = pixels if top == 255 else (pixels >> 8).astype(np.uint8)
+    picture = np.repeat(shown[..., None], 3, axis=2) if shown.ndim == 2 else shown
+    return Photo(_grey(pixels, light), float(top), np.ascontiguousarray(picture), exif)
+
+
+def _light_of_srgb(level: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
+
+
+def _encoded(light: NDArray[Any]) -> NDArray[np.uint8]:
+    srgb = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * srgb), dtype=np.uint8)
+
+
+def _on_white(pixels: NDArray[Any]) -> NDArray[Any]:
+    """Transparent pixels laid on white paper, as viewers show them; the channel is dropped."""
+    if pixels.ndim == 2 or pixels.shape[2] == 3:
+        return pixels
+    colour, alpha, top = pixels[..., :3], pixels[..., 3:], np.iinfo(pixels.dtype).max
+    if alpha.min() == top:
+        return np.ascontiguousarray(colour)
+    share = alpha.astype(np.float32) / top
+    return np.asarray(np.rint(colour * share + top * (1 - share)), dtype=pixels.dtype)
+
+
+def _grey(pixels: NDArray[Any], light: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Luminance in linear light, strip by strip: a hundred megapixels of three channels are 1.2 GB otherwise."""
+    if pixels.ndim == 2:
+        return np.asarray(light.astype(np.float32)[pixels])
+    tables = [(weight * light).astype(np.float32) for weight in _LUMINANCE]
+    grey = np.empty(pixels.shape[:2], dtype=np.float32)
+    for start in range(0, len(grey), _STRIP_ROWS):
+        rows = slice(start, start + _STRIP_ROWS)
+        grey[rows] = sum(table[pixels[rows, :, i]] for i, table in enumerate(tables))
+    return grey

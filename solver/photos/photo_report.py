@@ -1,0 +1,173 @@
+"""Estimates from photographs as text: a readable record of each, and one line for the terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from roundel.scenes.camera.model import camera_to_json
+from roundel.scenes.geometry.pose import tilt_azimuth_deg
+from roundel.solver.estimates import NOT_FOUND, Estimate
+from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoResult:
+    """What became of one photograph.
+
+    Attributes
+    ----------
+    file : str
+        As it was given.
+    status : str
+        `ok`, `no circle`, or `failed`: the file could not be read, or has not what the intrinsics need.
+    reason : str
+    width_px, height_px : int or None
+        Upright.
+    assumed : dict
+        The camera for each intrinsics label that could be had.
+    estimates : list of Estimate
+    found : int
+        Number of detections.
+    overlay : str
+        Path within the output folder; empty if there is none.
+    """
+
+    file: str
+    status: str
+    reason: str = ""
+    width_px: int | None = None
+    height_px: int | None = None
+    assumed: dict[str, AssumedCamera] = field(default_factory=dict)
+    estimates: list[Estimate] = field(default_factory=list)
+    found: int = 0
+    overlay: str = ""
+
+
+def distance_m(estimate: Estimate, candidate: int) -> tuple[float, float | None]:
+    """Distance from the camera to the circle's centre, and its standard deviation, to first order, if it is known."""
+    assert estimate.centre_m is not None
+    centre = estimate.centre_m[candidate]
+    distance = float(np.linalg.norm(centre))
+    if estimate.cov is None:
+        return distance, None
+    ray = centre / distance
+    return distance, float(np.sqrt(max(ray @ estimate.cov[candidate, :3, :3] @ ray, 0.0)))
+
+
+def with_sigma(value: float, sigma: float | None, unit: str = "m") -> str:
+    """A value and its standard deviation to two digits of it: `0.830 ± 0.095 m`."""
+    if sigma is None or not math.isfinite(sigma) or sigma <= 0:
+        return f"{value:.4g} {unit}"
+    decimals = min(max(0, 1 - math.floor(math.log10(sigma))), 9)
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {unit}"
+
+
+def distance_label(estimate: Estimate) -> str:
+    """Distance of the chosen candidate, or of the first: they differ by some hundredths of a diameter at most."""
+    if not estimate:
+        return estimate.reason
+    return with_sigma(*distance_m(estimate, estimate.chosen or 0))
+
+
+def line_of(result: PhotoResult) -> str:
+    """One photograph in one line."""
+    if result.status != "ok":
+        return f"{result.file}: {result.reason or result.status}"
+    label = next(iter(result.assumed))
+    first = [e for e in result.estimates if (e.method, e.intrinsics) == (result.estimates[0].method, label)]
+    distances = ", ".join(distance_label(e) for e in first[:4]) + (", ..." if len(first) > 4 else "")
+    circles = "1 circle" if len(first) == 1 else f"{len(first)} circles"
+    return f"{result.file}: {circles} at {distances} ({result.assumed[label].basis})"
+
+
+def readable(results: Sequence[PhotoResult], diameter_m: float) -> str:
+    """`estimates.json`: everything about every photograph, by name."""
+    photographs = [_photograph(frame_id, result) for frame_id, result in enumerate(results)]
+    record = {"schema": 1, "diameter_m": diameter_m, "photographs": photographs}
+    return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _photograph(frame_id: int, result: PhotoResult) -> dict[str, Any]:
+    cameras = {label: _camera(one) for label, one in result.assumed.items()}
+    detections = [
+        {"detection_id": i, "estimates": [_estimate(e) for e in result.estimates if e.detection_id == i]}
+        for i in range(result.found)
+    ]
+    failures = [
+        {"method": e.method, "intrinsics": e.intrinsics, "reason": e.reason}
+        for e in result.estimates
+        if e.detection_id == NOT_FOUND
+    ]
+    return {
+        "frame_id": frame_id,
+        "file": result.file,
+        "status": result.status,
+        "reason": result.reason,
+        "width_px": result.width_px,
+        "height_px": result.height_px,
+        "overlay": result.overlay,
+        "cameras": cameras,
+        "detections": detections,
+        "failures": failures,
+    }
+
+
+def _camera(one: AssumedCamera) -> dict[str, Any]:
+    return {
+        "basis": one.basis,
+        "focal_sigma": one.focal_sigma,
+        "principal_sigma_px": one.principal_sigma_px,
+        **camera_to_json(one.camera),
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "method": estimate.method,
+        "intrinsics": estimate.intrinsics,
+        "status": estimate.status,
+        "reason": estimate.reason,
+        "confidence": _finite(estimate.confidence),
+        "chosen": estimate.chosen,
+        "choice_basis": estimate.choice_basis,
+    }
+    if estimate.ellipse is not None:
+        names = ("x_px", "y_px", "a_px", "b_px", "angle_deg")
+        out["ellipse"] = dict(zip(names, map(float, estimate.ellipse), strict=True))
+        out["edge_points"], out["edge_sigma_px"] = estimate.edge_points, _finite(estimate.edge_sigma_px)
+        out["blur_px"], out["contrast_dn"] = _finite(estimate.blur_px), _finite(estimate.contrast_dn)
+    if estimate.normal is not None and estimate.centre_m is not None:
+        out["candidates"] = [_candidate(estimate, candidate) for candidate in range(2)]
+    return out
+
+
+def _candidate(estimate: Estimate, candidate: int) -> dict[str, Any]:
+    assert estimate.normal is not None
+    assert estimate.centre_m is not None
+    distance, sigma = distance_m(estimate, candidate)
+    tilt, azimuth = tilt_azimuth_deg(estimate.normal[candidate])
+    out: dict[str, Any] = {
+        "probability": None if estimate.probability is None else estimate.probability[candidate],
+        "distance_m": distance,
+        "distance_sigma_m": _finite(sigma),
+        "tilt_deg": float(tilt),
+        "azimuth_deg": float(azimuth),
+        "normal": [float(v) for v in estimate.normal[candidate]],
+        "centre_m": [float(v) for v in estimate.centre_m[candidate]],
+    }
+    if estimate.cov is not None:
+        variances = np.diag(estimate.cov[candidate])
+        out["centre_sigma_m"] = [_finite(float(np.sqrt(max(v, 0.0)))) for v in variances[:3]]
+        # Of the angle: both directions across the normal together.
+        out["normal_sigma_deg"] = _finite(float(np.degrees(np.sqrt(max(variances[3:].sum(), 0.0)))))
+    return out
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

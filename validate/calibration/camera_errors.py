@@ -1,0 +1,234 @@
+"""What a calibration is worth against the true camera.
+
+The RMS of a calibration says how well the model fits its own corners, not how right the camera is: it stands here
+beside the errors of the parameters and the difference of projection over the whole image (mrcal, "Projection
+uncertainty").
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.layout.files import write_file
+from roundel.scenes.camera.model import Camera, project, ray_direction
+from roundel.scenes.errors import NotComparableError
+from roundel.validate.calibration.chessboard import BoardLayout, board_points_m
+from roundel.validate.calibration.opencv import (
+    BoardView,
+    Calibration,
+    calibrate_views,
+    calibration_group,
+    calibration_to_json,
+    first_views,
+    look_for_boards,
+)
+from roundel.validate.metrics.ground_truth import frame_cameras, poses_of, rows_of_kind
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProjectionDifference:
+    """Difference of projection between two cameras over the whole image, px.
+
+    Attributes
+    ----------
+    x_px, y_px : (w,), (h,) arrays
+        Columns and rows of the grid.
+    plain, rotated : (h, w, 2) array
+        Where a ray lands minus its true pixel, as it is and with the best rotation removed; NaN where one of the two
+        does not see the ray: a calibrated polynomial may end short of the corners.
+    """
+
+    x_px: Array
+    y_px: Array
+    plain: Array
+    rotated: Array
+
+    @property
+    def share(self) -> float:
+        """The part of the image's rays that both cameras see."""
+        return float(np.isfinite(self.plain).all(axis=-1).mean())
+
+    def figures(self) -> dict[str, float]:
+        """Mean and maximum over the image, px, as keys of `calibration_errors`."""
+        return {
+            f"projection_{name}{which}_px": float(statistic(np.linalg.norm(offsets, axis=-1)))
+            for which, offsets in (("", self.plain), ("_rotated", self.rotated))
+            for name, statistic in (("mean", np.nanmean), ("max", np.nanmax))
+        }
+
+
+def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference:
+    """How far the same ray lands from its true pixel, over a grid of the whole image.
+
+    `rotated` has the rotation removed that brings the two nearest in the sense of least squares (mrcal,
+    "Differencing cameras"): a calibration may trade principal point for rotation, and a pose estimated with it does so
+    too.
+    """
+    from scipy.optimize import least_squares
+
+    u, v = np.linspace(0, truth.width_px - 1, 33), np.linspace(0, truth.height_px - 1, 19)
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = ray_direction(truth, grid)
+
+    def miss(rotation: Array) -> Array:
+        return project(camera, rays @ cv2.Rodrigues(rotation)[0].T) - grid
+
+    # A ray that the rotation carries out of the field has no say in the fit.
+    fit = least_squares(lambda r: np.nan_to_num(miss(r)).ravel(), np.zeros(3), x_scale=1e-3)
+    plain, rotated = (miss(r).reshape(len(v), len(u), 2) for r in (np.zeros(3), fit.x))
+    return ProjectionDifference(u, v, plain, rotated)
+
+
+def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
+    """Errors of a calibrated camera against the true one: parameters, and projection over the whole image.
+
+    Returns
+    -------
+    dict
+        fx_error_pct, fy_error_pct, cx_error_px, cy_error_px, k1_error ... k3_error, projection_mean_px,
+        projection_max_px, the last two with the best rotation removed, and the share of the image they stand for.
+        Parameters are left out where the true lens has terms that the calibration has not: there each of them takes
+        up some of what is missing, and none is comparable.
+    """
+    if (camera.width_px, camera.height_px) != (truth.width_px, truth.height_px):
+        raise NotComparableError(
+            f"the camera file is of {camera.width_px}x{camera.height_px} px, the dataset of "
+            f"{truth.width_px}x{truth.height_px} px; calibrate with this dataset's camera"
+        )
+    difference = projection_difference(camera, truth)
+    return {
+        **_parameter_errors(camera, truth),
+        **difference.figures(),
+        "projection_share": difference.share,
+    }
+
+
+def _parameter_errors(camera: Camera, truth: Camera) -> dict[str, float]:
+    names = ("k1", "k2", "p1", "p2", "k3")
+    if camera.distortion_model != truth.distortion_model or truth.distortion_model != "opencv":
+        return {}
+    if any(truth.distortion[len(names) :]) or any(camera.distortion[len(names) :]):
+        return {}
+    pad = (0.0,) * len(names)
+    pairs = zip(names, (camera.distortion + pad)[:5], (truth.distortion + pad)[:5], strict=True)
+    return {
+        "fx_error_pct": float(100 * (camera.K[0, 0] / truth.K[0, 0] - 1)),
+        "fy_error_pct": float(100 * (camera.K[1, 1] / truth.K[1, 1] - 1)),
+        "cx_error_px": float(camera.K[0, 2] - truth.K[0, 2]),
+        "cy_error_px": float(camera.K[1, 2] - truth.K[1, 2]),
+        **{f"{name}_error": float(a - b) for name, a, b in pairs},
+    }
+
+
+def corner_offsets_px(corners_px: Array, camera_from_board: Array, layout: BoardLayout, camera: Camera) -> Array:
+    """Corners found minus their true image (N, 2), px."""
+    points = board_points_m(layout) @ camera_from_board[:3, :3].T + camera_from_board[:3, 3]
+    return corners_px - project(camera, points)
+
+
+def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: Calibration) -> dict[str, Any]:
+    """A calibration in numbers: its own residual, its corners and its camera beside the truth.
+
+    The errors of the camera are left out when the views were taken by different cameras, where there is no one truth.
+    """
+    index, cameras = frame_cameras(dataset)
+    truth = rows_of_kind(dataset, ("chessboard",))
+    keys = zip(truth["frame_id"].to_pylist(), truth["marker_id"].to_pylist(), strict=True)
+    poses = dict(zip(keys, poses_of(truth), strict=True))
+    offsets = np.concatenate(
+        [
+            corner_offsets_px(v.corners_px, poses[v.frame_id, v.marker_id], v.layout, cameras[index[v.frame_id]])
+            for v in views
+            if v.corners_px is not None
+        ]
+    )
+    used = {index[view.frame_id] for view in views}
+    camera = calibration.camera
+    return {
+        "group": ", ".join(dict.fromkeys(view.group for view in views)),
+        "views": len(calibration.frame_ids),
+        "missed_views": len(calibration.missed_frame_ids),
+        "corners": len(offsets),
+        "rms_px": calibration.rms_px,
+        "rms_check_px": calibration.rms_check_px,
+        "corner_offset_mean_x_px": float(offsets[:, 0].mean()),
+        "corner_offset_mean_y_px": float(offsets[:, 1].mean()),
+        "corner_offset_std_px": float(offsets.std()),
+        "corner_offset_max_px": float(np.abs(offsets).max()),
+        "fx_px": float(camera.K[0, 0]),
+        "fy_px": float(camera.K[1, 1]),
+        "cx_px": float(camera.K[0, 2]),
+        "cy_px": float(camera.K[1, 2]),
+        "distortion": list(camera.distortion),
+        **(calibration_errors(camera, cameras[used.pop()]) if len(used) == 1 else {}),
+    }
+
+
+def calibrate_dataset(
+    dataset_path: str | Path, camera_path: str | Path, group: str | None = None, count: int | None = None
+) -> dict[str, Any]:
+    """Calibrate from a dataset's chessboards, write the camera file, and tell what it is worth.
+
+    Parameters
+    ----------
+    dataset_path : path
+    camera_path : path
+        Where the camera file goes: the camera keys of `cameras.json`, and no truth.
+    group : str, optional
+        As `calibrate`.
+    count : int, optional
+        Only the first so many views.
+
+    Returns
+    -------
+    dict
+        As `calibration_summary`.
+    """
+    dataset = open_dataset(dataset_path)
+    group = calibration_group(dataset.images, group)
+    views = first_views(look_for_boards(dataset.images, group), count)
+    return write_calibration(dataset, views, camera_path, group)
+
+
+def write_calibration(
+    dataset: Dataset, views: list[BoardView], camera_path: str | Path, group: str | None
+) -> dict[str, Any]:
+    """The camera file of these views; returns what it is worth, as `calibration_summary`."""
+    calibration = calibrate_views(views)
+    record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
+    write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())
+    return calibration_summary(dataset, views, calibration)
+
+
+def calibration_lines(summary: dict[str, Any]) -> list[str]:
+    """A calibration as lines for the terminal."""
+    if "rms_px" not in summary:
+        return [f"calibration: {summary['reason']}"]
+    total = summary["views"] + summary["missed_views"]
+    views = f"{summary['views']} of {total} views, {summary['corners']} corners"
+    lines = [f"calibration: {views}, RMS {summary['rms_px']:.4f} px"]
+    if "projection_mean_px" not in summary:
+        return lines
+    parameters = "its lens model has terms that the calibration has not, so that only projection compares"
+    if "fx_error_pct" in summary:
+        parameters = (
+            f"fx {summary['fx_error_pct']:+.3f} %, fy {summary['fy_error_pct']:+.3f} %, "
+            f"cx {summary['cx_error_px']:+.3f} px, cy {summary['cy_error_px']:+.3f} px"
+        )
+    share = summary["projection_share"]
+    over = "" if share == 1 else f" over {100 * share:.0f} % of the image; the calibrated lens ends short of the rest"
+    lines.append(
+        f"against the true camera: {parameters}; projection off by {summary['projection_mean_px']:.3f} px in the mean, "
+        f"{summary['projection_max_px']:.3f} px at most{over}"
+    )
+    return lines

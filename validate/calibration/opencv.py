@@ -1,0 +1,233 @@
+"""Calibration from chessboard views by OpenCV. The truth is not looked at: `validate.camera_errors` does that."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.layout.images import Images
+from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json, project
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.scenes.study.schema import MIN_CALIBRATION_VIEWS
+from roundel.validate.calibration.chessboard import BoardLayout, board_points_m, detect_corners, layout_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """One look for a chessboard: where, which, and its corners (N, 2) in the order of `board_points_m`, or None."""
+
+    frame_id: int
+    group: str
+    marker_id: int
+    layout: BoardLayout
+    camera_size_px: tuple[int, int]
+    corners_px: Array | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera and the views it was calibrated from.
+
+    Attributes
+    ----------
+    camera : Camera
+        With OpenCV's k1, k2, p1, p2 (and k3 where five coefficients were asked for).
+    rms_px : float
+        As `cv2.calibrateCamera` returns it.
+    rms_check_px : float
+        Computed anew from the result: root of the mean squared distance over all corners.
+    frame_ids, missed_frame_ids : list of int
+        The views in which the board was found, and those in which it was not.
+    """
+
+    camera: Camera
+    rms_px: float
+    rms_check_px: float
+    frame_ids: list[int]
+    missed_frame_ids: list[int]
+
+
+def look_for_boards(
+    images: Images, group: str | None = None, progress: Callable[[int, int], None] | None = None
+) -> list[BoardView]:
+    """Look for the chessboard in every frame of a group (of the dataset, unless said) that shows one.
+
+    `progress` is called with (views done, views in all).
+    """
+    frame_ids, groups = images.frame_ids, images.groups
+    boards = [
+        (i, marker)
+        for i in range(len(images))
+        if (group is None or groups[i] == group) and images.mode(i) == "images"
+        for marker in images.markers(i)
+        if marker["kind"] == "chessboard"
+    ]
+
+    def look(board: tuple[int, dict[str, Any]]) -> BoardView:
+        i, marker = board
+        layout, record = layout_of(marker["layout"]), images.records[i]
+        corners = detect_corners(images.image(i), layout.columns, layout.rows)
+        size = int(record["width_px"]), int(record["height_px"])
+        return BoardView(frame_ids[i], groups[i], int(marker["marker_id"]), layout, size, corners)
+
+    views = []
+    # Each view is a function of its image alone, and OpenCV lets go of the interpreter: threads change the time only.
+    with ThreadPoolExecutor() as pool:
+        for done, view in enumerate(pool.map(look, boards), start=1):
+            views.append(view)
+            if progress is not None:
+                progress(done, len(boards))
+    return views
+
+
+def calibration_group(images: Images, asked: str | None) -> str | None:
+    """The group to calibrate from: the one asked for, else the first that shows chessboards and nothing else.
+
+    Raises
+    ------
+    UsageError
+        If there is no such group.
+    """
+    groups = images.groups
+    if asked is not None:
+        if asked not in groups:
+            raise UsageError(f"no group {asked!r} in this dataset; it has {', '.join(sorted(set(groups)))}")
+        return asked
+    alone = dict.fromkeys(groups, True)
+    for record, group in zip(images.records, groups, strict=True):
+        kinds = {marker["kind"] for marker in record["markers"]}
+        alone[group] = alone[group] and kinds == {"chessboard"} and record["mode"] == "images"
+    return next((group for group in groups if alone[group]), None)
+
+
+def calibrate(images: Images, group: str | None = None, coefficients: int = 4) -> Calibration:
+    """Calibrate a camera from the chessboards of a dataset; the truth is not looked at.
+
+    Parameters
+    ----------
+    images : Images
+    group : str, optional
+        The group of views; unless said, the first that shows chessboards alone, else all frames with a chessboard.
+    coefficients : {4, 5}
+        Distortion coefficients to fit: k1, k2, p1, p2, and k3 with five. Fewer are steadier where views are few.
+
+    Raises
+    ------
+    UsageError
+        If there is no such group.
+    NotComparableError
+        If the board was found in fewer than three views, or the views differ in size.
+    """
+    return calibrate_views(look_for_boards(images, calibration_group(images, group)), coefficients)
+
+
+def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibration:
+    """`calibrate`, from views that were looked at before."""
+    if not views:
+        raise NotComparableError(
+            "no frame shows a chessboard; calibrate from a group that does, as configs/chessboard.yaml"
+        )
+    sizes = {view.camera_size_px for view in views}
+    if len(sizes) > 1:
+        raise NotComparableError(f"the views have {len(sizes)} sizes of image; calibrate one camera at a time")
+    found = [(view, view.corners_px) for view in views if view.corners_px is not None]
+    if len(found) < MIN_CALIBRATION_VIEWS:
+        raise NotComparableError(
+            f"the chessboard was found in {len(found)} of {len(views)} views; a calibration needs "
+            f"{MIN_CALIBRATION_VIEWS}: render more views, larger or less tilted"
+        )
+    layouts, corners = [view.layout for view, _ in found], [c for _, c in found]
+    camera, rms, check = _fit(layouts, corners, next(iter(sizes)), coefficients)
+    missed = [view.frame_id for view in views if view.corners_px is None]
+    return Calibration(camera, rms, check, [view.frame_id for view, _ in found], missed)
+
+
+def _fit(
+    layouts: list[BoardLayout], corners: list[Array], size: tuple[int, int], coefficients: int
+) -> tuple[Camera, float, float]:
+    points = [board_points_m(layout).astype(np.float32) for layout in layouts]
+    pixels = [c.astype(np.float32) for c in corners]
+    flags = 0 if coefficients == 5 else cv2.CALIB_FIX_K3
+    # The camera and the coefficients are outputs; OpenCV's stubs want arrays for them.
+    empty: Any = None
+    # With several threads OpenCV 5 adds up in the order in which they finish: the last digits would differ by the run.
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        rms, k, distortion, rotations, translations = cv2.calibrateCamera(
+            points, pixels, size, empty, empty, flags=flags
+        )
+    finally:
+        cv2.setNumThreads(threads)
+    coefficient_values = tuple(float(v) for v in np.ravel(distortion)[:coefficients])
+    camera = Camera(size[0], size[1], np.asarray(k, dtype=np.float64), coefficient_values)
+    squared = []
+    for layout, seen, rotation, translation in zip(layouts, corners, rotations, translations, strict=True):
+        in_camera = board_points_m(layout) @ cv2.Rodrigues(rotation)[0].T + np.ravel(translation)
+        squared.append(np.sum((project(camera, in_camera) - seen) ** 2, axis=-1))
+    # A polynomial may have been fitted beyond the field it grows in: a corner out there has no image, and no residual.
+    return camera, float(rms), float(np.sqrt(np.nanmean(np.concatenate(squared))))
+
+
+def first_views(views: list[BoardView], count: int | None) -> list[BoardView]:
+    """The first `count` views of a calibration, whether the board was found in them or not; all of them for None.
+
+    Raises
+    ------
+    UsageError
+        If there are not that many.
+    """
+    if count is None:
+        return views
+    if count > len(views):
+        raise UsageError(f"{count} views are asked for, and {len(views)} show a chessboard; ask for as many or fewer")
+    return views[:count]
+
+
+def calibration_to_json(calibration: Calibration, dataset_id: str | None, group: str | None) -> dict[str, Any]:
+    """A camera file: the camera keys of `cameras.json`, and where they come from. It holds no truth."""
+    return {
+        **camera_to_json(calibration.camera),
+        "calibration": {
+            "rms_px": calibration.rms_px,
+            "rms_check_px": calibration.rms_check_px,
+            "views": len(calibration.frame_ids),
+            "missed_views": len(calibration.missed_frame_ids),
+            "frames": calibration.frame_ids,
+            "group": group,
+            "dataset_id": dataset_id,
+            "opencv": cv2.__version__,
+        },
+    }
+
+
+def read_camera(path: str | Path) -> Camera:
+    """The camera of a camera file.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file.
+    DataError
+        If it is no camera.
+    """
+    path = Path(path)
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise UsageError(f"{path}: no such camera file; make one with `roundel calibrate`") from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: not a camera file: {str(error).splitlines()[0]}") from error
+    if not isinstance(record, dict):
+        raise DataError(f"{path}: not a camera file: it needs width_px, height_px and K")
+    return camera_from_json(record)

@@ -1,0 +1,252 @@
+"""Is it worth calibrating the camera? Errors with a calibration beside those without, on the same frames.
+
+The paper's question. Its experiments keep the marker on the optical axis, where the normal does not depend on the focal
+length at all (errata, section 5); the frames off the axis answer it for everybody else, so the two are told apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.scenes.study.schema import calibration_views
+from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.scores.run_statistics import column
+from roundel.validate.scores.summary import intrinsics_rank, is_right, levels
+from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
+
+Array = NDArray[np.float64]
+
+# Calibration is worth having where it makes the median error smaller by more than this factor: it costs an afternoon.
+FACTOR = 2.0
+# Nearer to the axis than this is on it: 10 px of a phone's image.
+ON_AXIS_DEG = 0.5
+_MIN_PART = 30
+_MIN_BIN, _MAX_BINS = 14, 9
+_RESAMPLES = 1999
+# An error of points without noise; a ratio to it is large, and still a number.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class WorthError:
+    """An error that the question is asked of."""
+
+    name: str
+    column: str
+    unit: str
+
+
+ERRORS = (
+    WorthError("normal", "oracle_normal_error_deg", "\N{DEGREE SIGN}"),
+    WorthError("position", "oracle_position_error_pct", " %"),
+    WorthError("reprojection", "oracle_reprojection_error_px", " px"),
+)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Frames of one part, in bins of one variable.
+
+    Attributes
+    ----------
+    part : {"on_axis", "off_axis", "all"}
+    variable : {"distance_D", "tilt_deg", "off_axis_deg"}
+    bins : list of (n,) index arrays
+        Rows of the circles.
+    low, high, middle : (bins,) arrays
+        Extremes and median of the variable in each bin.
+    gains : dict
+        By error's name: `gain_of` each bin.
+    """
+
+    part: str
+    variable: str
+    bins: list[NDArray[np.int64]]
+    low: Array
+    high: Array
+    middle: Array
+    gains: dict[str, list[Interval]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Errors of every kind of intrinsics on the same circles, and what calibration gains.
+
+    Attributes
+    ----------
+    method, calibrated, uncalibrated : str
+        The two labels that are compared: the calibration from the fewest views, and the default.
+    labels : list of str
+        All kinds of intrinsics, the best known first.
+    errors : dict
+        By error's name and label: (circles,) arrays, NaN where it was not solved. `chessboard` is the pose by solvePnP.
+    panels : list of Panel
+    on_axis, off_axis : index arrays
+    """
+
+    method: str
+    calibrated: str
+    uncalibrated: str
+    labels: list[str]
+    errors: dict[str, dict[str, Array]]
+    panels: list[Panel]
+    on_axis: NDArray[np.int64]
+    off_axis: NDArray[np.int64]
+
+
+BOARD = "chessboard"
+
+
+def off_axis_deg(truth: pa.Table) -> dict[tuple[int, int], float]:
+    """Angle between the line of sight to a circle's centre and the optical axis, by (frame_id, marker_id)."""
+    x, y, z = (column(truth, f"centre_{a}_m") for a in "xyz")
+    angle = np.degrees(np.arctan2(np.hypot(x, y), z))
+    keys = zip(truth["frame_id"].to_pylist(), truth["marker_id"].to_pylist(), strict=True)
+    return dict(zip(keys, angle.tolist(), strict=True))
+
+
+def worth_of(table: pa.Table, offset_deg: dict[tuple[int, int], float], board: pa.Table | None = None) -> Worth | None:
+    """What calibration is worth, from a table of scores.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        Rows of scores.parquet; those against the truth count.
+    offset_deg : dict
+        From `off_axis_deg`.
+    board : pyarrow.Table, optional
+        The same circles as the chessboard beside them places them, scored likewise.
+
+    Returns
+    -------
+    Worth or None
+        None where no method has both calibrated and uncalibrated intrinsics.
+    """
+    truth = table.filter(pa.array([r == "truth" for r in table["reference"].to_pylist()]))
+    for method in sorted(set(truth["method"].to_pylist()) - {CHESSBOARD}):
+        part = truth.filter(pa.array([m == method for m in truth["method"].to_pylist()]))
+        labels = sorted(set(part["intrinsics"].to_pylist()), key=intrinsics_rank)
+        pair = _pair(labels)
+        if pair is not None:
+            return _worth(method, *pair, labels, part, offset_deg, board)
+    return None
+
+
+def _pair(labels: list[str]) -> tuple[str, str] | None:
+    """The calibration from the fewest views, and the intrinsics that someone without one would take."""
+    calibrated = [label for label in labels if label.startswith("calibrated:")]
+    wrong = [label for label in labels if not is_right(label) and label != "exif"] or [x for x in labels if x == "exif"]
+    if not calibrated or not wrong:
+        return None
+    fewest = min(calibrated, key=lambda x: calibration_views(x) or 10**9)
+    return fewest, "default" if "default" in wrong else wrong[0]
+
+
+def _worth(
+    method: str,
+    calibrated: str,
+    uncalibrated: str,
+    labels: list[str],
+    part: pa.Table,
+    offset_deg: dict[tuple[int, int], float],
+    board: pa.Table | None,
+) -> Worth:
+    def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
+        return list(zip(rows["frame_id"].to_pylist(), rows["marker_id"].to_pylist(), strict=True))
+
+    intrinsics = np.array(part["intrinsics"].to_pylist(), dtype=object)
+    runs = {label: part.filter(pa.array(intrinsics == label)) for label in labels}
+    first = runs[calibrated]
+    keys = keys_of(first)
+    if board is not None and board.num_rows:
+        runs[BOARD] = board
+    errors: dict[str, dict[str, Array]] = {error.name: {} for error in ERRORS}
+    for label, rows in runs.items():
+        place = {key: i for i, key in enumerate(keys_of(rows))}
+        at = np.array([place.get(key, -1) for key in keys], dtype=np.int64)
+        for error in ERRORS:
+            values = np.append(column(rows, error.column), np.nan)
+            errors[error.name][label] = values[at]
+    offset = np.array([offset_deg.get(key, np.nan) for key in keys])
+    variables = {name: column(first, name) for name in ("distance_D", "tilt_deg")}
+    near, far = np.flatnonzero(offset < ON_AXIS_DEG), np.flatnonzero(offset >= ON_AXIS_DEG)
+    parts = {"on_axis": near, "off_axis": far}
+    parts = {name: rows for name, rows in parts.items() if len(rows) >= _MIN_PART} or {"all": np.arange(len(keys))}
+    panels = [_panel(p, name, variables[name], rows) for name in variables for p, rows in parts.items()]
+    panels.append(_panel("all", "off_axis_deg", offset, np.flatnonzero(np.isfinite(offset))))
+    worth = Worth(method, calibrated, uncalibrated, labels, errors, panels, near, far)
+    for panel in panels:
+        panel.gains.update({e.name: [gain_of(worth, e.name, rows) for rows in panel.bins] for e in ERRORS})
+    return worth
+
+
+def _panel(part: str, name: str, values: Array, rows: NDArray[np.int64]) -> Panel:
+    if name == "off_axis_deg":
+        # All that is on the axis is one bin, however much of it there is.
+        near, far = rows[values[rows] < ON_AXIS_DEG], rows[values[rows] >= ON_AXIS_DEG]
+        bins = [*([near] if len(near) else []), *_even(values, far)]
+    else:
+        grid = levels(values[rows])
+        fits = grid is not None and len(grid) <= _MAX_BINS
+        bins = (
+            [rows[np.round(values[rows], 6) == v] for v in grid] if fits and grid is not None else _even(values, rows)
+        )
+    spread = np.array([[values[b].min(), values[b].max(), np.median(values[b])] for b in bins]).reshape(-1, 3)
+    return Panel(part, name, bins, spread[:, 0], spread[:, 1], spread[:, 2])
+
+
+def _even(values: Array, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Bins of equally many circles."""
+    count = min(_MAX_BINS, len(rows) // _MIN_BIN) or min(1, len(rows))
+    order = rows[np.argsort(values[rows], kind="stable")]
+    return [b for b in np.array_split(order, count) if len(b)] if count else []
+
+
+def median_of(worth: Worth, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
+    """Median error of some circles, over those that were solved."""
+    values = worth.errors[error][label][rows]
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None
+
+
+def level_of(worth: Worth, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
+    """Median error of some circles with its interval."""
+    return bootstrap_interval(worth.errors[error][label][rows], "median", level=LEVEL)
+
+
+def gain_of(worth: Worth, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None) -> Interval:
+    """Median error without calibration over that with it; circles are drawn in pairs.
+
+    Parameters
+    ----------
+    worth : Worth
+    error : str
+    rows : index array
+        Circles; those that one of the two did not solve are left out.
+    uncalibrated : str, optional
+        Another label to compare with.
+    """
+    a = worth.errors[error][uncalibrated or worth.uncalibrated][rows]
+    b = worth.errors[error][worth.calibrated][rows]
+    both = np.isfinite(a) & np.isfinite(b)
+    a, b = a[both], b[both]
+    if not len(a):
+        return Interval(None, None, None, 0, "no samples")
+    value = float(np.median(a) / max(float(np.median(b)), _NOTHING))
+    if len(a) < MIN_SAMPLES["median"]:
+        return Interval(value, None, None, len(a), f"fewer than {MIN_SAMPLES['median']} samples")
+    drawn = np.random.default_rng(0).integers(0, len(a), (_RESAMPLES, len(a)))
+    ratios = np.median(a[drawn], axis=1) / np.maximum(np.median(b[drawn], axis=1), _NOTHING)
+    low, high = np.percentile(ratios, [50 - 50 * LEVEL, 50 + 50 * LEVEL])
+    return Interval(value, float(low), float(high), len(a), "percentile, paired")
+
+
+def verdict_of(gain: Interval, factor: float = FACTOR) -> str:
+    """`yes` where the interval lies above the factor, `no` where below, else `open`."""
+    if gain.low is None or gain.high is None:
+        return "open"
+    return "yes" if gain.low > factor else "no" if gain.high < factor else "open"

@@ -1,0 +1,257 @@
+"""The answer to the paper's question in words and in numbers: where a calibration is worth having, and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.study.schema import calibration_views
+from roundel.validate.claims.calibration_benefit import (
+    BOARD,
+    ERRORS,
+    FACTOR,
+    ON_AXIS_DEG,
+    Panel,
+    Worth,
+    WorthError,
+    gain_of,
+    level_of,
+    median_of,
+    verdict_of,
+)
+from roundel.validate.scores.summary import number
+from roundel.validate.statistics.intervals import Interval
+
+_DEGREE = "\N{DEGREE SIGN}"
+_UNITS = {"distance_D": " D", "tilt_deg": f"{_DEGREE} of tilt", "off_axis_deg": _DEGREE}
+Rows = NDArray[np.int64]
+
+
+def named(label: str) -> str:
+    """Intrinsics for people."""
+    kind, _, value = label.partition(":")
+    if label == BOARD:
+        return "chessboard, solvePnP"
+    if kind == "calibrated":
+        views = calibration_views(label)
+        return "calibrated" if views is None else f"calibrated, {views} views"
+    return {"exif": "EXIF", "scaled": f"focal x {value}"}.get(kind, label)
+
+
+def answer(worth: Worth) -> list[str]:
+    """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
+    views = calibration_views(worth.calibrated)
+    source = "A calibration" if views is None else f"A calibration from {views} views"
+    places = {error.name: _in_short(worth, error) for error in ERRORS}
+    names = list(places)
+    alike = set(places.values()) in ({"everywhere"}, {"nowhere"})
+    short = (
+        f"{', '.join(names[:-1])} and {names[-1]}: {places[names[0]]}"
+        if alike
+        else "; ".join(f"{name}: {place}" for name, place in places.items())
+    )
+    return [
+        f"{source} is worth having, that is it makes the median error with {named(worth.uncalibrated)} intrinsics "
+        f"smaller by more than a factor {FACTOR:g}, for the {short}.",
+        *(_of_error(worth, error) for error in ERRORS),
+        *_more_views(worth),
+        *_other_intrinsics(worth),
+        *_focal_alone(worth),
+        *_chessboard(worth),
+    ]
+
+
+def where(verdicts: Sequence[str], low: Sequence[float], high: Sequence[float], unit: str) -> str:
+    """Where verdicts along a variable are `yes`: everywhere, nowhere, from a value on, up to one, or in a list.
+
+    Examples
+    --------
+    >>> where(["no", "open", "yes", "yes"], [10, 20, 30, 40], [10, 20, 30, 40], " D")
+    'from 30 D on'
+    """
+    yes = [v == "yes" for v in verdicts]
+    if all(yes):
+        return "everywhere"
+    if not any(yes):
+        return "nowhere"
+    first, last = yes.index(True), len(yes) - 1 - yes[::-1].index(True)
+    if all(yes[first:]):
+        return f"from {_plain(low[first])}{unit} on"
+    if all(yes[: last + 1]):
+        return f"up to {_plain(high[last])}{unit}"
+    if all(yes[first : last + 1]):
+        return f"from {_plain(low[first])} to {_plain(high[last])}{unit}"
+    places = [
+        _plain(a) if a == b else f"{_plain(a)} to {_plain(b)}" for a, b, y in zip(low, high, yes, strict=True) if y
+    ]
+    return f"at {', '.join(places)}{unit}"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _panel(worth: Worth, part: str, variable: str) -> Panel | None:
+    return next((p for p in worth.panels if (p.part, p.variable) == (part, variable)), None)
+
+
+def _where(worth: Worth, error: WorthError, panel: Panel, beyond: float = -1.0) -> str:
+    bins = [i for i in range(len(panel.bins)) if panel.low[i] > beyond]
+    verdicts = [verdict_of(panel.gains[error.name][i]) for i in bins]
+    low, high = panel.low[bins].tolist(), panel.high[bins].tolist()
+    return where(verdicts, low, high, _UNITS[panel.variable])
+
+
+def _parts(worth: Worth) -> list[tuple[str, str, Rows]]:
+    named_parts = (("on_axis", "on the axis", worth.on_axis), ("off_axis", "off the axis", worth.off_axis))
+    found = [p for p in named_parts if _panel(worth, p[0], "distance_D") is not None]
+    everything = np.union1d(worth.on_axis, worth.off_axis)
+    return found or [("all", "over all frames", everything)]
+
+
+def _of_part(worth: Worth, error: WorthError, part: str) -> str:
+    """Where in this part: off the axis by offset, else by distance."""
+    offset = _panel(worth, "all", "off_axis_deg")
+    if part == "off_axis" and offset is not None:
+        return _where(worth, error, offset, ON_AXIS_DEG)
+    panel = _panel(worth, part, "distance_D")
+    return "nowhere" if panel is None else _where(worth, error, panel)
+
+
+def _in_short(worth: Worth, error: WorthError) -> str:
+    places = [(words, _of_part(worth, error, part)) for part, words, _ in _parts(worth)]
+    if len({place for _, place in places}) == 1 and places[0][1] in ("everywhere", "nowhere"):
+        return places[0][1]
+    return ", ".join(f"{words} {place}" for words, place in places)
+
+
+def _of_error(worth: Worth, error: WorthError) -> str:
+    texts = []
+    for part, words, rows in _parts(worth):
+        without = median_of(worth, error.name, worth.uncalibrated, rows)
+        with_it = median_of(worth, error.name, worth.calibrated, rows)
+        gain = gain_of(worth, error.name, rows)
+        text = f"{words} {number(without)}{error.unit} against {number(with_it)}{error.unit}, {_times(gain)}"
+        panels = [_panel(worth, part, name) for name in ("distance_D", "tilt_deg")]
+        places = dict.fromkeys(_where(worth, error, p) for p in panels if p is not None and len(p.bins) > 1)
+        mixed = [place for place in places if place not in ("everywhere", "nowhere")]
+        texts.append(text + (f" (more than {FACTOR:g} {' and '.join(mixed)})" if mixed else ""))
+    return f"Median {error.name} error without against with calibration: {'; '.join(texts)}."
+
+
+def _times(gain: Interval) -> str:
+    if gain.value is None:
+        return "no frame in common"
+    bounds = "" if gain.low is None else f" [{number(gain.low, 2)}, {number(gain.high, 2)}]"
+    return f"a factor {number(gain.value, 2)}{bounds}"
+
+
+def _levels(worth: Worth, label: str, rows: Rows) -> str:
+    values = (median_of(worth, error.name, label, rows) for error in ERRORS)
+    return ", ".join(f"{number(v)}{error.unit}" for v, error in zip(values, ERRORS, strict=True))
+
+
+def _more_views(worth: Worth) -> list[str]:
+    counted = [label for label in worth.labels if calibration_views(label) is not None]
+    if len(counted) < 2:
+        return []
+    _, words, rows = _parts(worth)[-1]
+    ordered = sorted(counted, key=lambda label: calibration_views(label) or 0)
+    texts = "; ".join(f"{calibration_views(label)} views {_levels(worth, label, rows)}" for label in ordered)
+    truth = f"; the true camera {_levels(worth, 'true', rows)}" if "true" in worth.labels else ""
+    return [f"What more views give, {words} (normal, position, reprojection): {texts}{truth}."]
+
+
+def _other_intrinsics(worth: Worth) -> list[str]:
+    others = [x for x in worth.labels if x not in (worth.uncalibrated, "true") and not x.startswith("calibrated:")]
+    if not others:
+        return []
+    every = [worth.uncalibrated, *others]
+    return [
+        f"Without a calibration, {words}: {'; '.join(f'{named(x)} {_levels(worth, x, rows)}' for x in every)}."
+        for _, words, rows in _parts(worth)
+    ]
+
+
+def _focal_alone(worth: Worth) -> list[str]:
+    """Where a wrong focal length alone does no harm to the normal, and default intrinsics do: they lack more."""
+    scaled = [label for label in worth.labels if label.startswith("scaled:")]
+    found = next(((words, rows) for part, words, rows in _parts(worth) if part == "on_axis"), None)
+    if found is None or not scaled:
+        return []
+    words, rows = found
+    harmless = all(verdict_of(gain_of(worth, "normal", rows, label)) == "no" for label in scaled)
+    if not harmless or verdict_of(gain_of(worth, "normal", rows)) != "yes":
+        return []
+    return [
+        f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
+        f"{named(worth.uncalibrated)} intrinsics cost there is the place of the principal point and the distortion, "
+        "which the paper's synthetic camera does not have."
+    ]
+
+
+def _chessboard(worth: Worth) -> list[str]:
+    if BOARD not in worth.errors["normal"]:
+        return []
+    _, words, rows = _parts(worth)[-1]
+    found = int(np.isfinite(worth.errors["normal"][BOARD][rows]).sum())
+    return [
+        f"The chessboard beside the marker places the same circles by solvePnP, {words}: "
+        f"{_levels(worth, BOARD, rows)}, found in {found} of {len(rows)} frames."
+    ]
+
+
+def worth_record(worth: Worth) -> dict[str, Any]:
+    """The numbers for summary.json, plain values."""
+    panels = []
+    for panel in worth.panels:
+        for error in ERRORS:
+            panels.append(
+                {
+                    "error": error.name,
+                    "column": error.column,
+                    "part": panel.part,
+                    "variable": panel.variable,
+                    "low": panel.low.tolist(),
+                    "high": panel.high.tolist(),
+                    "n": [len(rows) for rows in panel.bins],
+                    "median": {
+                        label: [median_of(worth, error.name, label, rows) for rows in panel.bins]
+                        for label in worth.errors[error.name]
+                    },
+                    "gain": [{**_numbers(gain), "worth": verdict_of(gain)} for gain in panel.gains[error.name]],
+                }
+            )
+    parts = {"on_axis": worth.on_axis, "off_axis": worth.off_axis}
+    return {
+        "method": worth.method,
+        "calibrated": worth.calibrated,
+        "uncalibrated": worth.uncalibrated,
+        "factor": FACTOR,
+        "statistic": "median",
+        "on_axis_deg": ON_AXIS_DEG,
+        "answer": answer(worth),
+        "overall": [
+            {
+                "error": error.name,
+                "part": part,
+                "intrinsics": label,
+                **_numbers(level_of(worth, error.name, label, rows)),
+                "gain": None
+                if label in (worth.calibrated, BOARD)
+                else _numbers(gain_of(worth, error.name, rows, label)),
+            }
+            for part, rows in parts.items()
+            if len(rows)
+            for error in ERRORS
+            for label in worth.errors[error.name]
+        ],
+        "panels": panels,
+    }
+
+
+def _numbers(interval: Interval) -> dict[str, Any]:
+    return {"value": interval.value, "low": interval.low, "high": interval.high, "n": interval.n}

@@ -1,0 +1,267 @@
+"""A study that repeats the same frames at several levels of one nuisance: error over level, and where it doubles.
+
+Every level has the same frames, so levels are compared on pairs: resampling draws frames, and each with all its levels.
+A frame's error is divided by its own Cramer-Rao bound at the reference level, where the nuisance is mildest: frames
+differ in difficulty by far more than most nuisances do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.scores.run_statistics import column
+from roundel.validate.scores.summary import is_right, run_keys, select
+from roundel.validate.statistics.intervals import wilson_interval
+
+Array = NDArray[np.float64]
+
+ERROR, BOUND = "oracle_normal_error_deg", "normal_bound_deg"
+MIN_FRAMES = 10  # of a level: a median of fewer has no interval worth drawing
+_RESAMPLES = 2000
+
+# What a swept key is called, and its unit; others go by their own name.
+TITLES: dict[str, tuple[str, str]] = {
+    "sensor.full_well_e": ("Full well", "electrons"),
+    "camera.f_number": ("F-number", ""),
+    "camera.distortion.0": ("Radial distortion k1", ""),
+    "sensor.jpeg_quality": ("JPEG quality", ""),
+    "light.environment": ("Radiance of the surroundings", ""),
+    "motion.exposure_s": ("Exposure of a turning camera", "s"),
+    "motion.readout_s": ("Readout of a rolling shutter", "s"),
+    "occluders.0.x_m": ("Place of the occluder's middle", "m"),
+    "pose.offset_x_px": ("Offset from the image's centre", "px"),
+}
+
+
+@dataclass(frozen=True)
+class Doubling:
+    """Where an error has twice the value it has at the reference level.
+
+    Attributes
+    ----------
+    level : float or None
+        Interpolated between levels, in the logarithm of the error; None where it never doubles.
+    low, high : float or None
+        95 % interval over frames; None where more than 2.5 % of the resamples never double on that side.
+    share : float
+        Of resamples in which it doubles somewhere.
+    """
+
+    level: float | None
+    low: float | None
+    high: float | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One run over the levels: median over frames, with failures as infinitely wrong, and its 95 % interval.
+
+    Attributes
+    ----------
+    median, low, high : (levels,) arrays
+        Of the normal's error over the frame's own bound at the reference level; in degrees where there is no bound.
+    bound : (levels,) array
+        The bound at each level, in the same unit: median over frames.
+    median_deg : (levels,) array
+        Of the error itself.
+    relative : bool
+        Whether the unit is the bound.
+    """
+
+    method: str
+    intrinsics: str
+    median: Array
+    low: Array
+    high: Array
+    bound: Array
+    median_deg: Array
+    relative: bool
+    solved: list[int]
+    frames: list[int]
+    doubling: Doubling
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A swept key with its levels, in the study's order, the level that doubling is counted from, and its curves."""
+
+    group: str
+    key: str
+    title: str
+    unit: str
+    levels: list[float]
+    reference: int
+    curves: list[Curve]
+
+
+def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
+    """The sweeps of a study, from its scores.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        Scores, with `sweep_level` and `sweep_frame`.
+    study : dict
+        Resolved.
+
+    Returns
+    -------
+    list of Sweep
+        Empty without a sweep. The normal's error in degrees, of the candidate nearer to the truth.
+    """
+    if "sweep_level" not in table.column_names:
+        return []
+    found = []
+    group = np.array(table["group"].to_pylist(), dtype=object)
+    keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != "chessboard_pnp"]
+    keys.sort(key=lambda key: (key[0], not is_right(key[1])))
+    for name, section in (study.get("groups") or {}).items():
+        swept = section.get("sweep")
+        if not swept:
+            continue
+        levels = [float(level) for level in swept["levels"]]
+        # Nothing of a nuisance is its level 0; otherwise studies begin with the mildest.
+        reference = levels.index(0.0) if 0.0 in levels else 0
+        curves = []
+        for key in keys:
+            rows = select(table, key) & (group == name)
+            curve = _curve(table.filter(pa.array(rows)), key, levels, reference)
+            if curve is not None:
+                curves.append(curve)
+        if curves:
+            title, unit = TITLES.get(swept["key"], (swept["key"], ""))
+            found.append(Sweep(name, swept["key"], title, unit, levels, reference, curves))
+    return found
+
+
+def _curve(table: pa.Table, key: tuple[str, str, str], levels: list[float], reference: int) -> Curve | None:
+    frame, level = column(table, "sweep_frame"), column(table, "sweep_level")
+    solved = np.array(table["solved"].to_pylist(), dtype=bool)
+    error, bound = column(table, ERROR), column(table, BOUND)
+    error = np.where(solved & np.isfinite(error), error, math.inf)
+    frames = np.unique(frame[np.isfinite(frame)])
+    # The worst of a frame's circles stands for it.
+    worst, bounds = (_by_frame(v, frame, level, frames, levels) for v in (error, bound))
+    complete = ~np.isnan(worst).any(axis=1)
+    worst, bounds = worst[complete], bounds[complete]
+    if len(worst) < MIN_FRAMES:
+        return None
+    unit = bounds[:, reference]
+    relative = bool((np.isfinite(unit) & (unit > 0)).all())
+    scaled = worst / unit[:, None] if relative else worst
+    draws = np.random.default_rng(0).integers(0, len(worst), size=(_RESAMPLES, len(worst)))
+    medians, median = _middle(scaled[draws], axis=1), _middle(scaled, axis=0)
+    low, high = np.quantile(medians, [0.025, 0.975], axis=0, method="inverted_cdf")
+    return Curve(
+        key[0],
+        key[1],
+        median,
+        low,
+        high,
+        np.median(bounds / unit[:, None] if relative else bounds, axis=0),
+        _middle(worst, axis=0),
+        relative,
+        [int(solved[level == value].sum()) for value in levels],
+        [int((level == value).sum()) for value in levels],
+        _doubling(medians, median, levels, reference),
+    )
+
+
+def _by_frame(values: Array, frame: Array, level: Array, frames: Array, levels: list[float]) -> Array:
+    """Largest value of each frame at each level (frames, levels); NaN where there is none."""
+    out = np.full((len(frames), len(levels)), np.nan)
+    for i, value in enumerate(levels):
+        rows = np.flatnonzero(level == value)
+        np.fmax.at(out[:, i], np.searchsorted(frames, frame[rows]), values[rows])
+    return out
+
+
+def _middle(values: Array, axis: int) -> Array:
+    """Median in which infinities count; the mean of the two middle ones would be infinite with one of them."""
+    return np.asarray(np.quantile(values, 0.5, axis=axis, method="inverted_cdf"))
+
+
+def _doubling(medians: Array, median: Array, levels: list[float], reference: int) -> Doubling:
+    best = crossing(levels, median, reference)
+    found = [crossing(levels, m, reference) for m in medians]
+    known = [level for level in found if level is not None]
+    share = len(known) / len(found)
+    if best is None:
+        return Doubling(None, None, None, share)
+    # Never doubling lies beyond the last level, on the side to which the nuisance grows.
+    grows = max(levels, key=lambda v: abs(levels.index(v) - reference)) > levels[reference]
+    filled = np.array([(math.inf if grows else -math.inf) if v is None else v for v in found])
+    low, high = np.quantile(filled, [0.025, 0.975], method="inverted_cdf").tolist()
+    low, high = (v if math.isfinite(v) else None for v in (low, high))
+    return Doubling(best, low, high, share)
+
+
+def crossing(levels: list[float], values: Array, reference: int, factor: float = 2.0) -> float | None:
+    """The level nearest to the reference at which a curve first reaches `factor` times its value there.
+
+    Interpolated linearly in the logarithm of the value, and of the level where levels span a decade without zero; a
+    curve that jumps to infinity crosses at the level of the jump.
+    """
+    if not (0 < values[reference] < math.inf):
+        return None
+    target = factor * values[reference]
+    logarithmic = is_logarithmic(levels)
+    found = []
+    for step in (1, -1):
+        for i in range(reference + step, len(levels) if step > 0 else -1, step):
+            if not values[i] >= target:
+                continue
+            a, b = (math.log(levels[k]) if logarithmic else levels[k] for k in (i - step, i))
+            if not math.isfinite(values[i]):
+                found.append((i, levels[i]))
+            else:
+                low = math.log(values[i - step])
+                t = (math.log(target) - low) / (math.log(values[i]) - low)
+                found.append((i, math.exp(a + t * (b - a)) if logarithmic else a + t * (b - a)))
+            break
+    return min(found, key=lambda f: abs(f[0] - reference))[1] if found else None
+
+
+def is_logarithmic(levels: list[float]) -> bool:
+    """Whether levels are better shown, and interpolated, by their logarithm."""
+    return min(levels) > 0 and max(levels) >= 10 * min(levels)
+
+
+def sweep_summary(sweeps: list[Sweep]) -> list[dict[str, Any]]:
+    """Sweeps as plain values for summary.json; infinite medians are None."""
+
+    def plain(values: Array) -> list[float | None]:
+        return [float(v) if math.isfinite(v) else None for v in values]
+
+    out = []
+    for sweep in sweeps:
+        curves = []
+        for c in sweep.curves:
+            rates = [wilson_interval(s, n) for s, n in zip(c.solved, c.frames, strict=True)]
+            curves.append(
+                {
+                    "method": c.method,
+                    "intrinsics": c.intrinsics,
+                    "unit": "bounds" if c.relative else "deg",
+                    "normal_median": plain(c.median),
+                    "normal_median_low": plain(c.low),
+                    "normal_median_high": plain(c.high),
+                    "normal_bound": plain(c.bound),
+                    "normal_median_deg": plain(c.median_deg),
+                    "solved": c.solved,
+                    "frames": c.frames,
+                    "solved_rate_low": [r.low for r in rates],
+                    "solved_rate_high": [r.high for r in rates],
+                    "doubling": vars(c.doubling),
+                }
+            )
+        facts = {"group": sweep.group, "key": sweep.key, "title": sweep.title, "unit": sweep.unit}
+        out.append({**facts, "levels": sweep.levels, "reference": sweep.levels[sweep.reference], "curves": curves})
+    return out

@@ -1,0 +1,192 @@
+"""Estimates from a file, our own or anyone's: Parquet or CSV, checked against the schema column by column.
+
+What a foreign program must give, and what stands for the rest, is in `validate/estimates/schema.py`;
+docs/your-own-method.md shows it.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.solver.estimates import ESTIMATES, METADATA, SCHEMA
+from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
+
+_MAGIC = b"PAR1"
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+
+
+def find_estimates(path: str | Path) -> Path:
+    """The file that an argument means: itself, or the one in the folder it names.
+
+    Raises
+    ------
+    UsageError
+        If there is none.
+    """
+    path = Path(path)
+    for file in (path, path / ESTIMATES, path / "estimates" / ESTIMATES):
+        if file.is_file():
+            return file
+    raise UsageError(
+        f"{path}: no estimates there; give an {ESTIMATES}, a CSV file, or a folder that holds the first "
+        "(`roundel solve` writes it)"
+    )
+
+
+def read_estimates(path: str | Path) -> pa.Table:
+    """Estimates of one file, with the columns and types of `SCHEMA`.
+
+    What a file may leave out is filled in where it needs no dataset: method (the file's name), intrinsics,
+    detection_id, candidate, chosen, status, reason, skew, lens model. The rest is null where it is missing.
+
+    Parameters
+    ----------
+    path : path
+        A Parquet file, a file that ends in .csv, or a folder (see `find_estimates`).
+
+    Returns
+    -------
+    pyarrow.Table
+        Its metadata are the file's own.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file, or it is not one of estimates: another format, a column missing or of another type.
+    NotComparableError
+        If it is empty.
+    DataError
+        If it is Parquet, and damaged.
+    """
+    file = find_estimates(path)
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be read: {error.strerror}") from error
+    if not data.strip():
+        raise NotComparableError(f"{file}: an empty file, so there is nothing to score")
+    if data.startswith(_MAGIC):
+        table = _read_parquet(file, data)
+    elif file.suffix.lower() == ".csv":
+        table = _read_csv(file, data)
+    else:
+        raise UsageError(f"{file}: not a Parquet file; give Parquet, or CSV in a file whose name ends in .csv")
+    check_columns(file, table.column_names)
+    columns = []
+    for field in SCHEMA:
+        if field.name not in table.column_names:
+            columns.append(pa.nulls(table.num_rows, field.type))
+            continue
+        try:
+            columns.append(table[field.name].cast(field.type))
+        except (pa.ArrowException, ValueError) as error:
+            raise UsageError(f"{file}: column {field.name} is not {field.type}: {_said(error)}") from error
+    whole = pa.table(dict(zip(SCHEMA.names, columns, strict=True)))
+    return _filled(whole, set(table.column_names), file.stem).replace_schema_metadata(table.schema.metadata)
+
+
+def dataset_of(table: pa.Table) -> str | None:
+    """The dataset_id that a file of estimates says it is of; None where it says nothing."""
+    try:
+        return str(json.loads((table.schema.metadata or {})[METADATA])["dataset_id"])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _said(error: BaseException) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+def _read_parquet(file: Path, data: bytes) -> pa.Table:
+    try:
+        # From memory: a path would be searched for partitions (`run=3/estimates.parquet` gets a column).
+        table = pq.ParquetFile(pa.BufferReader(data)).read()
+        table.validate(full=True)
+        return table
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DataError(f"{file}: a damaged Parquet file, or one cut short: {_said(error)}; write it anew") from error
+
+
+def _read_csv(file: Path, data: bytes) -> pa.Table:
+    try:
+        # A byte order mark is none of the first column's name.
+        text = data.decode("utf-8-sig").lstrip("\r\n")
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{file}: not UTF-8 at byte {error.start}; save it as UTF-8") from error
+    names = _header(file, text)
+    types = {field.name: field.type for field in SCHEMA if not pa.types.is_list(field.type)}
+    try:
+        table = pa_csv.read_csv(
+            pa.BufferReader(text.encode()),
+            read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1),
+            convert_options=pa_csv.ConvertOptions(
+                column_types={**types, "distortion": pa.string()},
+                # NaN stays one, and is refused: what is missing is left empty.
+                null_values=[""],
+                strings_can_be_null=True,
+                quoted_strings_can_be_null=False,
+            ),
+        )
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise UsageError(f"{file}: not a CSV file of estimates: {_said(error)}") from error
+    if "distortion" in table.column_names:
+        try:
+            lists = [[float(number) for number in (text or "").split()] for text in table["distortion"].to_pylist()]
+        except ValueError as error:
+            raise UsageError(f"{file}: column distortion is not numbers between spaces: {error}") from error
+        at = table.column_names.index("distortion")
+        table = table.set_column(at, "distortion", pa.array(lists, pa.list_(pa.float64())))
+    return table
+
+
+def _header(file: Path, text: str) -> list[str]:
+    line = next(iter(text.splitlines()), "")
+    try:
+        names = [name.strip() for name in next(csv.reader([line]), [])]
+    except csv.Error as error:
+        raise UsageError(f"{file}: the header is no CSV: {error}") from error
+    other = next((what for mark, what in _SEPARATORS.items() if len(names) == 1 and mark in line), None)
+    if other:
+        raise UsageError(f"{file}: columns are separated by {other}; use commas, and decimal points")
+    return names
+
+
+def _filled(table: pa.Table, given: set[str], stem: str) -> pa.Table:
+    """The table with what a file may leave out: see `validate/estimates/schema.py`."""
+    rows = table.num_rows
+
+    def put(name: str, values: object) -> None:
+        nonlocal table
+        at = SCHEMA.get_field_index(name)
+        table = table.set_column(at, name, pa.array(values, SCHEMA.field(at).type))
+
+    if "status" not in given:
+        there = [table[name].is_valid() for name in (*NORMAL, *CENTRE, *ELLIPSE, *CENTRE_IMAGE)]
+        anything = there[0]
+        for column in there[1:]:
+            anything = pc.or_(anything, column)
+        put("status", ["ok" if some else "failed" for some in anything.to_pylist()])
+    for name, value in (("method", stem), ("intrinsics", "true"), ("detection_id", 0), ("candidate", 0)):
+        if name not in given:
+            put(name, [value] * rows)
+    if "chosen" not in given:
+        # One pose alone is meant; of two none is.
+        keys = list(zip(*(table[name].to_pylist() for name in KEY[:-1]), strict=True))
+        counts: dict[object, int] = {}
+        for key in keys:
+            counts[key] = counts.get(key, 0) + 1
+        status = table["status"].to_pylist()
+        put("chosen", [counts[key] == 1 and its == "ok" for key, its in zip(keys, status, strict=True)])
+    put("reason", [reason or "" for reason in table["reason"].to_pylist()])
+    put("distortion_model", [model or "opencv" for model in table["distortion_model"].to_pylist()])
+    if "skew_px" not in given and INTRINSICS[0] in given:
+        put("skew_px", [None if focal is None else 0.0 for focal in table[INTRINSICS[0]].to_pylist()])
+    return table

@@ -1,0 +1,308 @@
+"""Estimates read back and checked: a file that lies is refused in one line, before anything is scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera.model import Camera, lens_problem
+from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
+from roundel.validate.estimates.reader import dataset_of, read_estimates
+from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL
+
+Array = NDArray[np.float64]
+
+# A printed circle seen smaller than this cannot have been detected: its pose is in other units.
+_LEAST_SEMI_AXIS_PX = 0.25
+
+_TRUE_CAMERA = "not given: the frame's true camera"
+
+
+@dataclass(frozen=True)
+class Run:
+    """All rows of one method with one kind of intrinsics, sorted by frame, detection and candidate.
+
+    `cameras[camera[i]]` is the camera that row i used; `ok[i]` says whether it holds a detection, `posed[i]`
+    whether that has a pose. `ellipse` is NaN where there is none; `centre_px` is the image of the circle's centre in
+    the delivered image, of a pose its projection. `filled` says what the file left out.
+    """
+
+    method: str
+    intrinsics: str
+    frame_id: NDArray[np.int64]
+    detection_id: NDArray[np.int64]
+    candidate: NDArray[np.int64]
+    chosen: NDArray[np.bool_]
+    ok: NDArray[np.bool_]
+    posed: NDArray[np.bool_]
+    normal: Array
+    centre_m: Array
+    ellipse: Array
+    centre_px: Array
+    camera: NDArray[np.int64]
+    cameras: list[Camera]
+    reason: list[str]
+    filled: tuple[str, ...] = ()
+
+
+def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
+    """Estimates of all files, checked against the dataset, one `Run` for each method and intrinsics, sorted.
+
+    Raises
+    ------
+    UsageError
+        As `read_estimates`; also for a row that cannot be, or stands twice.
+    DataError
+        As `read_estimates`.
+    NotComparableError
+        If there is nothing to compare, or the estimates are of another dataset.
+    """
+    if not paths:
+        raise NotComparableError("no estimates given; give one or more files that `roundel solve` wrote")
+    tables = [_read(path, dataset) for path in paths]
+    _check_apart(tables, paths)
+    table = pa.concat_tables([t.replace_schema_metadata(None) for t in tables])
+    if table.num_rows == 0:
+        raise NotComparableError(f"{', '.join(map(str, paths))}: no rows, so there is nothing to score")
+    table = _sorted(table)
+    _check_keys(table, " and ".join(map(str, paths)))
+    frame_size = {int(r["frame_id"]): (int(r["width_px"]), int(r["height_px"])) for r in dataset.images.records}
+    labels = [np.array(table[name].to_pylist(), dtype=object) for name in ("method", "intrinsics")]
+    change = np.flatnonzero(np.any([label[1:] != label[:-1] for label in labels], axis=0)) + 1
+    bounds = pairwise([0, *change.tolist(), table.num_rows])
+    return [_run(table.slice(a, b - a), dataset, frame_size) for a, b in bounds]
+
+
+def _read(path: Path, dataset: Dataset) -> pa.Table:
+    """One file, checked by itself and against the dataset."""
+    table = read_estimates(path)
+    made_of, here = dataset_of(table), str(dataset.manifest["dataset_id"])
+    if made_of is not None and made_of != here:
+        raise NotComparableError(
+            f"{path}: estimates of dataset {made_of[:12]}, and {dataset.path} is {here[:12]}; "
+            "give the dataset that they were made from"
+        )
+    for name in (*KEY, "chosen", "status"):
+        if table[name].null_count:
+            row = int(np.flatnonzero(table[name].is_null().to_numpy())[0])
+            raise UsageError(f"{path}: column {name} has empty values, the first in row {row + 1}; every row needs one")
+    _check_frames(table, dataset, path)
+    table = _sorted(table)
+    _check_keys(table, str(path))
+    table = _with_cameras(table, dataset, path)
+    _check_rows(table, path)
+    return table
+
+
+def _sorted(table: pa.Table) -> pa.Table:
+    return table.sort_by([(name, "ascending") for name in ("method", "intrinsics", *KEY[:2], "candidate")])
+
+
+def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
+    """The table with each frame's true camera where rows have none; any other label must say what it stands for."""
+    bare = table[INTRINSICS[0]].is_null().to_numpy() & (_is_ok(table))
+    if not bare.any():
+        return table
+    label = table["intrinsics"].to_pylist()
+    other = [i for i in np.flatnonzero(bare).tolist() if label[i] != "true"]
+    if other:
+        raise UsageError(
+            f"{path}: {_where(table, other[0])}: it has no fx_px, fy_px, cx_px, cy_px; only intrinsics `true` may "
+            "leave them out"
+        )
+    values, distortion, model = true_intrinsics(dataset, table["frame_id"].to_numpy())
+    made: dict[str, list[Any]] = {name: values[:, i].tolist() for i, name in enumerate(INTRINSICS)}
+    made |= {"distortion": distortion, "distortion_model": model, "intrinsics_basis": [_TRUE_CAMERA] * len(label)}
+    for name, instead in made.items():
+        at = table.column_names.index(name)
+        mixed = [new if b else old for b, new, old in zip(bare, instead, table[name].to_pylist(), strict=True)]
+        table = table.set_column(at, name, pa.array(mixed, table.schema.field(at).type))
+    return table
+
+
+def _is_ok(table: pa.Table) -> NDArray[np.bool_]:
+    return np.array([status == "ok" for status in table["status"].to_pylist()], dtype=np.bool_)
+
+
+def _floats(table: pa.Table, names: tuple[str, ...]) -> Array:
+    # Nulls become NaN.
+    return np.stack([np.asarray(table[name].to_numpy(), dtype=np.float64) for name in names], axis=-1)
+
+
+def _lenses(table: pa.Table) -> list[tuple[tuple[float, ...], str]]:
+    """Coefficients and model of each row; `none` is OpenCV's model without coefficients, as in cameras.json."""
+    coefficients = [
+        tuple(np.nan if c is None else float(c) for c in row or ()) for row in table["distortion"].to_pylist()
+    ]
+    models = table["distortion_model"].to_pylist()
+    return [(c, "opencv" if m == "none" and not c else m) for c, m in zip(coefficients, models, strict=True)]
+
+
+def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]]) -> Run:
+    frame_id = table["frame_id"].to_numpy()
+    values = _floats(table, INTRINSICS)
+    known: dict[tuple[Any, ...], int] = {}
+    cameras: list[Camera] = []
+    index = np.full(table.num_rows, -1)
+    for i, (distortion, model) in enumerate(_lenses(table)):
+        if np.isnan(values[i, 0]):
+            continue
+        key = (*frame_size[int(frame_id[i])], *values[i].tolist(), model, *distortion)
+        if key not in known:
+            known[key] = len(cameras)
+            fx, fy, skew, cx, cy = values[i]
+            k = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+            cameras.append(Camera(key[0], key[1], k, distortion, distortion_model=model))
+        index[i] = known[key]
+    ok = _is_ok(table)
+    normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
+    posed = ok & np.isfinite(normal).all(axis=-1)
+    centre_px = _floats(table, CENTRE_IMAGE)
+    bare = posed & np.isnan(ellipse[:, 0])
+    for number, camera in enumerate(cameras):
+        mine = np.flatnonzero(posed & (index == number))
+        centre_px[mine] = centres_px(centre[mine], camera)
+        mine = np.flatnonzero(bare & (index == number))
+        radius = radii_m(dataset, frame_id[mine], centre_px[mine])
+        ellipse[mine] = ellipses_of_poses(normal[mine], centre[mine], radius, camera)
+        small = np.flatnonzero(ellipse[mine, 2] < _LEAST_SEMI_AXIS_PX)
+        if len(small):
+            row = int(mine[small[0]])
+            raise UsageError(
+                f"estimates: {_where(table, row)}: its circle would be {2 * ellipse[row, 2]:.2g} px wide; "
+                "is its centre in metres?"
+            )
+    filled = {
+        "intrinsics: each frame's true camera": _TRUE_CAMERA in table["intrinsics_basis"].to_pylist(),
+        "ellipse: from the pose": bool(bare.any()),
+    }
+    return Run(
+        table["method"][0].as_py(),
+        table["intrinsics"][0].as_py(),
+        frame_id,
+        table["detection_id"].to_numpy(),
+        table["candidate"].to_numpy(),
+        table["chosen"].to_numpy(zero_copy_only=False),
+        ok,
+        posed,
+        normal,
+        centre,
+        ellipse,
+        centre_px,
+        index,
+        cameras,
+        [reason or "" for reason in table["reason"].to_pylist()],
+        tuple(what for what, is_so in filled.items() if is_so),
+    )
+
+
+def _where(table: pa.Table, row: int) -> str:
+    values = {name: table[name][row].as_py() for name in KEY}
+    return (
+        f"frame {values['frame_id']}, detection {values['detection_id']}, candidate {values['candidate']} "
+        f"(method {values['method']}, intrinsics {values['intrinsics']})"
+    )
+
+
+def _check_frames(table: pa.Table, dataset: Dataset, path: Path) -> None:
+    unknown = sorted(set(table["frame_id"].unique().to_pylist()) - set(dataset.images.frame_ids))
+    if unknown:
+        more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
+        raise NotComparableError(
+            f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.path} does not have; "
+            "give the dataset that they were made from"
+        )
+
+
+def _check_apart(tables: list[pa.Table], paths: list[Path]) -> None:
+    """Refuse a run that two files have for the same frame; a run may come in parts, of different frames."""
+    owner: dict[tuple[str, str, int], Path] = {}
+    for table, path in zip(tables, paths, strict=True):
+        keys = set(zip(*(table[n].to_pylist() for n in ("method", "intrinsics", "frame_id")), strict=True))
+        twice = sorted(keys & owner.keys())
+        if twice:
+            method, intrinsics, frame = twice[0]
+            raise UsageError(
+                f"{path}: has method {method} with {intrinsics} intrinsics for frame {frame}, and so has "
+                f"{owner[twice[0]]}; give each its own name in the column `method`, or validate them apart and use "
+                "`roundel compare`"
+            )
+        owner.update(dict.fromkeys(keys, path))
+
+
+def _check_keys(table: pa.Table, where: str) -> None:
+    columns = [np.array(table[name].to_pylist(), dtype=object) for name in KEY]
+    same = np.all([column[1:] == column[:-1] for column in columns], axis=0)
+    if same.any():
+        row = int(np.flatnonzero(same)[0])
+        raise UsageError(
+            f"{where}: two rows for {_where(table, row)}; each may stand once: several detections of a frame need "
+            "detection_id, two poses of one candidate 0 and 1"
+        )
+
+
+def _check_rows(table: pa.Table, path: Path) -> None:
+    """Refuse what no solver may claim with status `ok`."""
+    ok = _is_ok(table)
+    normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
+    given = {
+        "pose": (*NORMAL, *CENTRE),
+        "ellipse": ELLIPSE,
+        "centre": CENTRE_IMAGE,
+        "intrinsics": INTRINSICS,
+    }
+    # A group is given when a number of it is, NaN too; then all of them must be numbers.
+    there = {what: _given(table, names) for what, names in given.items()}
+    broken = {what: there[what] & ~np.isfinite(_floats(table, names)).all(axis=-1) for what, names in given.items()}
+    posed, outlined = there["pose"] & ~broken["pose"], there["ellipse"] & ~broken["ellipse"]
+    focal, lenses = _floats(table, INTRINSICS), _lenses(table)
+    # A run has few different lenses, and many rows.
+    wrong = {lens: lens_problem(lens[1], lens[0]) for lens in set(lenses)}
+    lens_wrong = np.array([bool(wrong[lens]) for lens in lenses], dtype=bool)
+    candidate = table["candidate"].to_numpy()
+    detection = table["detection_id"].to_numpy()
+    chosen = table["chosen"].to_numpy(zero_copy_only=False)
+    keys = [np.array(table[name].to_pylist(), dtype=object) for name in KEY[:-1]]
+    pair = np.append(np.all([key[1:] == key[:-1] for key in keys], axis=0), False) if len(ok) else np.zeros(0, bool)
+    both = pair | np.append(False, pair[:-1]) if len(ok) else pair
+    status = np.array(table["status"].to_pylist(), dtype=object)
+    some = there["pose"] | there["ellipse"] | there["centre"]
+    with np.errstate(invalid="ignore", over="ignore"):
+        problems = (
+            ((status != "ok") & (status != "failed"), "its status is neither ok nor failed"),
+            (~np.isin(candidate, [0, 1]), "the candidate is neither 0 nor 1"),
+            (ok & (detection < 0), "its status is ok, but its detection_id is negative"),
+            (ok & ~some, "its status is ok, but its pose, ellipse and centre are missing"),
+            *(
+                (ok & broken[what], f"its status is ok, but a number of its {what} is missing or not finite")
+                for what in given
+            ),
+            (ok & ~there["intrinsics"], "its status is ok, but its intrinsics are missing"),
+            (ok & posed & ~(np.abs(np.linalg.norm(normal, axis=-1) - 1) < 1e-6), "its normal is not of unit length"),
+            (ok & posed & ~(centre[:, 2] > 0), "its centre is behind the camera"),
+            (ok & posed & ~(np.sum(normal * centre, axis=-1) < 0), "its normal points away from the camera"),
+            (
+                ok & outlined & ~((ellipse[:, 2] >= ellipse[:, 3]) & (ellipse[:, 3] > 0)),
+                "its ellipse needs semi-axes a >= b > 0",
+            ),
+            (ok & ~(focal[:, :2] > 0).all(axis=-1), "its focal lengths are not positive"),
+            (ok & lens_wrong, f"its {wrong[lenses[int(np.argmax(ok & lens_wrong))]]}" if len(ok) else ""),
+            (ok & both & ~there["pose"], "it has two candidates, and no pose to tell them apart"),
+            (chosen & ~ok, "it is chosen, but its status is not ok"),
+            (pair & chosen & np.append(chosen[1:], False), "both candidates are chosen"),
+        )
+    for bad, what in problems:
+        if np.any(bad):
+            raise UsageError(f"{path}: {_where(table, int(np.flatnonzero(bad)[0]))}: {what}")
+
+
+def _given(table: pa.Table, names: tuple[str, ...]) -> NDArray[np.bool_]:
+    return np.asarray(np.any([table[name].is_valid().to_numpy() for name in names], axis=0), dtype=np.bool_)

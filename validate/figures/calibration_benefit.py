@@ -1,0 +1,123 @@
+"""The report's first figure: errors with and without calibration over distance, tilt and offset from the axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.study.schema import calibration_views
+from roundel.validate.claims.calibration_benefit import (
+    BOARD,
+    ERRORS,
+    ON_AXIS_DEG,
+    Panel,
+    Worth,
+    WorthError,
+    level_of,
+    median_of,
+)
+from roundel.validate.claims.calibration_benefit_text import named
+from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# A kind of intrinsics, a colour: members of a kind differ by marker and line.
+_COLOURS = {"calibrated": 0, "default": 1, "true": 2, "exif": 3, "scaled": 4, BOARD: 6}
+_LINES = ("-", "--", ":", "-.")
+
+_TITLES = {
+    "distance_D": "distance [D]",
+    "tilt_deg": "tilt [\N{DEGREE SIGN}]",
+    "off_axis_deg": "offset from the axis [\N{DEGREE SIGN}]",
+}
+_PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all frames"}
+_LABELS = {
+    "normal": "normal [\N{DEGREE SIGN}]",
+    "position": "position [% of distance]",
+    "reprojection": "reprojection [px]",
+}
+
+
+def worth_picture(worth: Worth) -> Picture:
+    """Median errors with their intervals: a row an error, a column a variable, a curve a kind of intrinsics."""
+    panels = _shown(worth)
+    styles = _styles(worth)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(len(ERRORS), len(panels), squeeze=False, sharex="col", sharey="row")
+        for r, error in enumerate(ERRORS):
+            for c, panel in enumerate(panels):
+                at = axes[r, c]
+                for label, style in styles.items():
+                    _curve(at, worth, error, panel, label, style)
+                at.set_yscale("log")
+                if r == 0:
+                    at.set_title(_PARTS[panel.part])
+                if r == len(ERRORS) - 1:
+                    at.set_xlabel(_TITLES[panel.variable])
+                if c == 0:
+                    at.set_ylabel(_LABELS[error.name])
+        for c, panel in enumerate(panels):
+            if panel.variable == "off_axis_deg":
+                axes[0, c].set_xscale("symlog", linthresh=1.0, linscale=0.5)
+                ticks = [t for t in (0, 1, 2, 5, 10, 20, 40, 80) if t <= 1.1 * panel.middle.max()]
+                axes[0, c].set_xticks(ticks, [str(t) for t in ticks])
+                axes[0, c].set_xlim(left=-0.15)
+        figure.align_ylabels()
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=max(2, int(figure.get_figwidth() / 2.1)))
+
+    caption = (
+        f"Is it worth calibrating? Method {worth.method}: median error of the better candidate, its 95 % interval as a "
+        f"band, on the same circles with every kind of intrinsics. On the axis: within {ON_AXIS_DEG:g}\N{DEGREE SIGN} "
+        "of it, as in the paper. Camera frame; D: marker diameters; reprojection in the delivered image, a grid around "
+        "the circle. The chessboard is the board beside the marker, which places the same circle by solvePnP."
+    )
+    size = (2.25 * len(panels) + 0.2, 2.0 * len(ERRORS) + 1.1)
+    return Picture("worth", caption, draw_svg("worth", caption, size, draw))
+
+
+def _shown(worth: Worth) -> list[Panel]:
+    """Distance on and off the axis, tilt off it, offset: the paper's set-up keeps one column."""
+    wanted = [p for p in worth.panels if len(p.bins) > 1]
+    both = any(p.part == "off_axis" for p in wanted)
+    return [p for p in wanted if not (both and p.part == "on_axis" and p.variable == "tilt_deg")]
+
+
+def _styles(worth: Worth) -> dict[str, dict[str, Any]]:
+    """Colour, marker and line of each curve; the reference in grey, behind the others."""
+    labels = [*worth.labels, *([BOARD] if BOARD in worth.errors["normal"] else [])]
+    counted: dict[str, int] = {}
+    styles: dict[str, dict[str, Any]] = {}
+    for label in sorted(labels, key=lambda x: (x != worth.calibrated, calibration_views(x) or 0)):
+        kind = label.partition(":")[0]
+        nth = counted[kind] = counted.get(kind, -1) + 1
+        i = _COLOURS.get(kind, 5)
+        main = label in (worth.calibrated, worth.uncalibrated)
+        styles[label] = {
+            "color": INK if label == BOARD else colour(i),
+            "marker": marker(i) if nth == 0 else "",
+            "ls": _LINES[nth % len(_LINES)],
+            "lw": 1.8 if main else 1.1,
+            "ms": 3.5,
+            "zorder": 3 if main else 2,
+            "label": named(label),
+        }
+    return {label: styles[label] for label in labels}
+
+
+def _curve(at: Axes, worth: Worth, error: WorthError, panel: Panel, label: str, style: dict[str, Any]) -> None:
+    at.plot(panel.middle, _numbers([median_of(worth, error.name, label, rows) for rows in panel.bins]), **style)
+    if label in (worth.calibrated, worth.uncalibrated):
+        # Bands of all would hide one another.
+        found = [level_of(worth, error.name, label, rows) for rows in panel.bins]
+        low, high = _numbers([f.low for f in found]), _numbers([f.high for f in found])
+        at.fill_between(panel.middle, low, high, color=style["color"], alpha=0.15, lw=0)
+
+
+def _numbers(values: list[float | None]) -> NDArray[np.float64]:
+    return np.array([np.nan if v is None else v for v in values], dtype=np.float64)

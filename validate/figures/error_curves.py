@@ -1,0 +1,163 @@
+"""Figures as SVG: the paper's figure from a table of scores.
+
+The bytes depend on the scores alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
+from roundel.validate.scores.run_statistics import column
+from roundel.validate.scores.summary import grid_of, intrinsics_rank, is_right
+from roundel.validate.tables.table import clean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+# Twice the standard error: 95 % of a mean's error where a cell has enough frames for a normal law.
+_BAND = 1.96
+_MIN_FOR_BAND = 5
+
+
+# Of more than this nothing could be read: every frame is a dot then.
+_MAX_PANELS = 6
+# A page with more figures than this is no page to read, nor to mail.
+_MAX_PICTURES = 12
+_MAX_DOTS = 500
+
+
+@dataclass(frozen=True)
+class Row:
+    """One error of the paper's figure."""
+
+    column: str
+    label: str
+
+
+ROWS = (
+    Row("oracle_normal_error_deg", "normal [deg]"),
+    Row("oracle_position_error_D", "position [D]"),
+    Row("oracle_reprojection_error_px", "reprojection [px]"),
+)
+
+
+def pictures(table: pa.Table, first: str = "") -> list[Picture]:
+    """The paper's figure for each method (`first` before the others), reference and group of a table of scores."""
+    found = []
+    texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
+    keys = dict.fromkeys(zip(texts["method"], texts["reference"], texts["group"], strict=True))
+    several = len({key[2] for key in keys}) > 1
+    for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
+        rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
+        if method == "chessboard_pnp" or not np.isfinite(column(table, ROWS[0].column)[rows]).any():
+            continue
+        part = table.filter(pa.array(rows))
+        name, folded = name_of(method, reference, group), reference != "truth"
+        about = f"Method {clean(method, 40)} against the {reference}"
+        about += f", group {clean(group, 40)}" if several else ""
+        grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
+        if grid is not None and len(grid[0]) > 1 and len(grid[1]) <= _MAX_PANELS:
+            caption = (
+                f"{about}: mean error of the better candidate over distance, a panel a tilt, a curve a kind of "
+                "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."
+            )
+            if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(set(part["intrinsics"].to_pylist())):
+                caption += " Bands: 95 % interval of the mean."
+            found.append(Picture(name, caption, _drawn(name, about, part, grid), folded))
+        else:
+            caption = (
+                f"{about}: each frame's error of the better candidate over distance, and medians of frames of like "
+                "distance."
+            )
+            found.append(Picture(name, caption, _drawn(name, about, part, None), folded))
+        if len(found) == _MAX_PICTURES:
+            break
+    return found
+
+
+def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
+    panels = 1 if grid is None else len(grid[1])
+    # One panel a row would be a tall strip: the three errors then stand side by side.
+    shape = (1, len(ROWS)) if panels == 1 else (len(ROWS), panels)
+    labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
+        for r, row in enumerate(ROWS):
+            for p in range(panels):
+                at = axes[0, r] if panels == 1 else axes[r, p]
+                if grid is None:
+                    _scatter(at, table, row, labels)
+                else:
+                    _curves(at, table, row, labels, grid[0], float(grid[1][p]))
+                if r == 0 and grid is not None and panels > 1:
+                    at.set_title(f"tilt {grid[1][p]:g}\N{DEGREE SIGN}")
+                if p == 0:
+                    at.set_ylabel(row.label)
+                if panels == 1 or r == len(ROWS) - 1:
+                    at.set_xlabel("distance [D]")
+            _scale(axes[0, r] if panels == 1 else axes[r, 0])
+        figure.align_ylabels()
+        by_name = dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True))
+        names = [text for text in dict.fromkeys(map(legend_text, labels)) if text in by_name]
+        handles = [by_name[label] for label in names]
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 5))
+
+    return draw_svg(name, title, (max(3.0 * shape[1], 6.0), 2.1 * shape[0] + 0.7), draw)
+
+
+def _scale(axes: Axes) -> None:
+    """A logarithmic axis where curves differ by more than a linear one can show."""
+    middles = [float(np.median(known)) for line in axes.lines if len(known := _positive(line.get_ydata()))]
+    if middles and max(middles) > 20 * min(middles):
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
+
+
+def _positive(values: Any) -> Array:
+    known = np.asarray(values, dtype=np.float64)
+    return known[np.isfinite(known) & (known > 0)]
+
+
+def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances: Array, tilt: float) -> None:
+    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
+    values = column(table, row.column)
+    # The camera's own focal length is drawn last, on top of the others.
+    for i, label in sorted(enumerate(labels), key=lambda pair: is_right(pair[1])):
+        cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
+        mean = np.array([cell.mean() if len(cell) else np.nan for cell in cells])
+        enough = np.array([len(cell) >= _MIN_FOR_BAND for cell in cells])
+        half = np.array([_BAND * cell.std(ddof=1) / np.sqrt(len(cell)) if len(cell) > 1 else 0.0 for cell in cells])
+        low = np.where(enough, np.maximum(mean - half, mean * 0.05), np.nan)
+        axes.fill_between(distances, low, np.where(enough, mean + half, np.nan), color=colour(i), alpha=0.13, lw=0)
+        axes.plot(
+            distances, mean, color=colour(i), ls=line(i), marker=marker(i), ms=3.5, lw=1.4, label=legend_text(label)
+        )
+
+
+def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
+    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    distance, values = column(table, "distance_D"), column(table, row.column)
+    for i, label in enumerate(labels):
+        rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)
+        x, y = distance[rows], values[rows]
+        # 500 dots say all that dots can say; more would only make the file large. Every second one of a
+        # low-discrepancy sequence would lie in one half of its range: they are drawn at random.
+        some = np.sort(np.random.default_rng(0).permutation(len(x))[:_MAX_DOTS])
+        size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
+        axes.plot(x[some], y[some], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
+        bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
+        middles = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
+        # Even without a line the legend needs its entry.
+        axes.plot(*middles, color=colour(i), ls=line(i), marker=marker(i), ms=4, lw=1.4, label=legend_text(label))

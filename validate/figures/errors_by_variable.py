@@ -1,0 +1,223 @@
+"""Each degree of freedom against each error: a matrix of small plots, one figure for the run that a report leads with.
+
+The idea of plotting every degree of freedom against every error is FMAC's, for square markers (arXiv 2601.07723).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.figures.svg import INK, Picture, colour, draw_svg
+from roundel.validate.scores.run_statistics import column
+from roundel.validate.scores.summary import select
+from roundel.validate.tables.table import clean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+# Fewer frames than this are no distribution; with fewer than _MIN_IN_BIN, a bin has no quantiles worth drawing.
+_MIN_FRAMES, _MIN_IN_BIN, _MAX_BINS = 24, 8, 10
+# A variable whose values differ by less than this share of their size was not varied.
+_MIN_SPREAD = 0.02
+# Bins nearer than this share of the panel's width are one.
+_APART = 0.03
+
+
+@dataclass(frozen=True)
+class Degree:
+    """A degree of freedom: a column of scores.parquet, or one over another, and what its axis says."""
+
+    column: str
+    label: str
+    over: str = ""
+
+
+DEGREES = (
+    Degree("distance_D", "distance [D]"),
+    Degree("tilt_deg", "tilt [deg]"),
+    Degree("azimuth_deg", "azimuth [deg]"),
+    Degree("image_x_px", "image x [px]"),
+    Degree("image_y_px", "image y [px]"),
+    Degree("edge_blur_px", "edge blur [px]"),
+    Degree("edge_contrast_dn", "contrast / noise", "edge_noise_dn"),
+    Degree("sweep_level", "level of the sweep"),
+)
+
+
+@dataclass(frozen=True)
+class Error:
+    """An error: its column, what its axis says, the Cramer-Rao bound of the frame where it has one, in % of `of`."""
+
+    column: str
+    label: str
+    bound: str = ""
+    of: str = ""
+
+
+ERRORS = (
+    Error("oracle_normal_error_deg", "normal [deg]", "normal_bound_deg"),
+    Error("oracle_position_error_pct", "position [%]", "position_bound_m", "distance_m"),
+    Error("oracle_reprojection_error_px", "reprojection [px]"),
+    Error("ellipse_centre_error_px", "ellipse centre [px]", "ellipse_centre_bound_px"),
+)
+MISSED = "not solved [%]"
+
+
+def matrix_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Picture]:
+    """The matrix of one run against the truth; none where too few frames were scored or nothing was varied.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        Scores.
+    method, intrinsics : str
+        The run.
+    """
+    part = table.filter(pa.array(select(table, (method, intrinsics, "truth"))))
+    degrees = [(degree, values) for degree in DEGREES if (values := _varied(part, degree)) is not None]
+    errors = [error for error in ERRORS if np.isfinite(column(part, error.column)).sum() >= _MIN_FRAMES]
+    if not degrees or not errors:
+        return []
+    solved = np.array(part["solved"].to_pylist(), dtype=bool)
+    size = (max(1.55 * len(degrees) + 0.6, 4.0), 1.35 * (len(errors) + (not solved.all())) + 0.4)
+
+    def draw(figure: Figure) -> None:
+        rows = len(errors) + (not solved.all())
+        axes = figure.subplots(rows, len(degrees), squeeze=False, sharex="col", sharey="row")
+        for c, (degree, values) in enumerate(degrees):
+            bins = _bins(values)
+            for r, error in enumerate(errors):
+                _panel(axes[r, c], values, part, error, bins)
+            if not solved.all():
+                _misses(axes[-1, c], values, solved, bins)
+            axes[-1, c].set_xlabel(degree.label)
+            _scale_x(axes[-1, c], values)
+        for r, error in enumerate(errors):
+            axes[r, 0].set_ylabel(error.label)
+            _scale_y(axes[r, 0], column(part, error.column))
+        if not solved.all():
+            axes[-1, 0].set_ylabel(MISSED)
+            axes[-1, 0].set_ylim(bottom=0)
+        for at in axes.flat:
+            at.tick_params(labelsize=7)
+            at.xaxis.label.set_size(8)
+            at.yaxis.label.set_size(8)
+        figure.align_ylabels()
+        # Room in inches for what stands beside the panels: matplotlib's own layout takes seconds for so many.
+        figure.subplots_adjust(
+            left=0.72 / size[0], right=1 - 0.1 / size[0], bottom=0.42 / size[1], top=1 - 0.1 / size[1],
+            wspace=0.1, hspace=0.12,
+        )  # fmt: skip
+
+    caption = (
+        f"Method {clean(method, 40)} with {clean(intrinsics, 40)} intrinsics, {len(part)} circles: every variable of "
+        "the frames against every error of the better candidate. Line: median; bands: 25 to 75 % and 5 to 95 % of the "
+        "frames of like value. Dashed: median of the frames' own Cramer-Rao bounds, below which the RMS of no unbiased "
+        "method can be. Camera frame; reprojection and ellipse centre in the delivered image; D: marker diameters. "
+        "What was not varied is left out."
+    )
+    return [
+        Picture("matrix", caption, draw_svg("matrix", "Every variable against every error", size, draw, layout=None))
+    ]
+
+
+def _varied(part: pa.Table, degree: Degree) -> Array | None:
+    """Values of a degree of freedom; None where it has none, or was kept."""
+    if degree.column not in part.column_names:
+        return None
+    values = column(part, degree.column)
+    if degree.over:
+        noise = column(part, degree.over)
+        values = np.divide(values, noise, out=np.full(len(values), np.nan), where=noise > 0)
+    known = values[np.isfinite(values)]
+    if len(known) < _MIN_FRAMES:
+        return None
+    low, high = np.percentile(known, [2, 98])
+    # Of a place in the image it is the pixels that count: a few of them are no variation, wherever they lie.
+    least = 4.0 if degree.column.startswith("image_") else _MIN_SPREAD * np.abs(known).max()
+    return values if high - low > least else None
+
+
+def _bins(values: Array) -> list[NDArray[np.int64]]:
+    """Rows of like value, in the order of their value: those of one level of a grid, or as many in each.
+
+    Parts that a panel could not tell apart are one: many frames of nearly one value would draw a vertical line.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    levels = np.unique(np.round(values[known], 6))
+    if len(levels) <= _MAX_BINS and len(known) >= _MIN_IN_BIN * len(levels):
+        return [known[np.round(values[known], 6) == level] for level in levels]
+    count = int(np.clip(len(known) // (2 * _MIN_IN_BIN), 3, _MAX_BINS))
+    bins: list[NDArray[np.int64]] = []
+    drawn = np.log(values) if _is_logarithmic(values) else values
+    apart = _APART * np.ptp(drawn[known])
+    for rows in np.array_split(known[np.argsort(values[known], kind="stable")], count):
+        if bins and np.median(drawn[rows]) - np.median(drawn[bins[-1]]) < apart:
+            bins[-1] = np.concatenate([bins[-1], rows])
+        else:
+            bins.append(rows)
+    return bins
+
+
+def _panel(axes: Axes, values: Array, part: pa.Table, error: Error, bins: list[NDArray[np.int64]]) -> None:
+    wrong = column(part, error.column)
+    found = [rows[np.isfinite(wrong[rows])] for rows in bins]
+    found = [rows for rows in found if len(rows) >= _MIN_IN_BIN]
+    if not found:
+        return
+    x = np.array([np.median(values[rows]) for rows in found])
+    q = np.array([np.percentile(wrong[rows], [5, 25, 50, 75, 95]) for rows in found]).T
+    axes.fill_between(x, q[0], q[4], color=colour(0), alpha=0.14, lw=0)
+    axes.fill_between(x, q[1], q[3], color=colour(0), alpha=0.28, lw=0)
+    axes.plot(x, q[2], color=colour(0), lw=1.4, marker="o", ms=2.5)
+    bound = column(part, error.bound) if error.bound else np.full(len(wrong), np.nan)
+    if error.of:
+        bound = 100 * bound / column(part, error.of)
+    if all(np.isfinite(bound[rows]).any() for rows in found):
+        axes.plot(x, [np.nanmedian(bound[rows]) for rows in found], color=INK, lw=0.9, ls="--")
+
+
+def _misses(axes: Axes, values: Array, solved: NDArray[np.bool_], bins: list[NDArray[np.int64]]) -> None:
+    x = [np.median(values[rows]) for rows in bins]
+    axes.plot(x, [100 * np.mean(~solved[rows]) for rows in bins], color=colour(1), lw=1.4, marker="s", ms=2.5)
+
+
+def _is_logarithmic(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.min() > 0 and known.max() > 10 * known.min())
+
+
+def _scale_x(axes: Axes, values: Array) -> None:
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+
+    known = values[np.isfinite(values)]
+    if _is_logarithmic(values):
+        axes.set_xscale("log")
+        # A panel is narrow: decades alone, where there are two of them.
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if known.max() > 30 * known.min() else (1.0, 3.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(3))
+
+
+def _scale_y(axes: Axes, values: Array) -> None:
+    """Logarithmic where the frames differ by more than a linear axis can show."""
+    from matplotlib.ticker import MaxNLocator, NullLocator
+
+    known = values[np.isfinite(values)]
+    low, high = np.percentile(known, [5, 95])
+    if low > 0 and high > 20 * low:
+        axes.set_yscale("log")
+        axes.yaxis.set_minor_locator(NullLocator())
+    else:
+        axes.set_ylim(bottom=0)
+        axes.yaxis.set_major_locator(MaxNLocator(4))

@@ -1,0 +1,152 @@
+"""The worst frames, to look at: a crop of the image with the true contour and the estimated ellipse drawn over it."""
+
+from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset
+from roundel.scenes.errors import DataError
+from roundel.validate.calibration.chessboard import grey
+from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
+from roundel.validate.scores.scores import Scores
+from roundel.validate.scores.summary import intrinsics_rank, is_right, number
+from roundel.validate.tables.table import NAME_LIMIT, clean
+
+Array = NDArray[np.float64]
+
+# Larger crops are thinned: beyond this the eye sees no more, and the report grows.
+_MAX_CROP_PX = 220
+_MAX_OVERLAYS = 48
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One picture: a title, what went wrong, and the SVG with its image inlined."""
+
+    title: str
+    text: str
+    svg: str
+
+
+def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) -> list[Overlay]:
+    """Overlays of the frames with the largest oracle normal error and of frames that were not solved.
+
+    Each method shows those of its best-known intrinsics: a wrong focal length makes every frame bad in the same way.
+    """
+    found: list[Overlay] = []
+    table = scores.table
+    methods = sorted({method for method, _ in scores.matched})
+    # Many methods share what a page can hold.
+    errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
+    for method in methods[: _MAX_OVERLAYS // 2]:
+        labels = (label for m, label in scores.matched if m == method)
+        label = min(labels, key=lambda label: (not is_right(label), intrinsics_rank(label)))
+        rows = _rows(table, method, label)
+        ranked = sorted(
+            (r for r in rows if r["oracle_normal_error_deg"] is not None),
+            key=lambda r: (-r["oracle_normal_error_deg"], r["frame_id"], r["marker_id"]),
+        )
+        lost = [r for r in rows if not r["solved"]]
+        # Failures spread over the run say more than its first few.
+        spread = lost[:: max(1, len(lost) // failures)][:failures]
+        found.extend(_overlay(dataset, scores, row) for row in (*ranked[:errors], *spread))
+    return found
+
+
+def _rows(table: pa.Table, method: str, intrinsics: str) -> list[dict[str, Any]]:
+    names = ["method", "intrinsics", "reference"]
+    keys = zip(*(table[name].to_pylist() for name in names), strict=True)
+    mask = [key == (method, intrinsics, "truth") for key in keys]
+    return list(table.filter(pa.array(mask)).to_pylist())
+
+
+def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
+    targets, candidates = scores.matched[row["method"], row["intrinsics"]]
+    same = (targets.frame_id == row["frame_id"]) & (targets.marker_id == row["marker_id"])
+    target = int(np.flatnonzero(same)[0])
+    truth = targets.contour_px[target]
+    estimate: Array | None = None
+    if candidates.has[target].any():
+        which = int(np.argmax(candidates.has[target]))
+        camera = candidates.cameras[candidates.camera[target, which]]
+        estimate = contour_of_ellipse_px(candidates.ellipse[target, which], camera, 128)
+    title = f"frame {row['frame_id']}" + (f", marker {row['marker_id']}" if row["marker_id"] else "")
+    place = f"{number(row['distance_D'])} D, tilt {number(row['tilt_deg'])}\N{DEGREE SIGN}"
+    if row["solved"]:
+        what = (
+            f"normal {number(row['oracle_normal_error_deg'])}\N{DEGREE SIGN}, "
+            f"position {number(row['oracle_position_error_pct'])} %, contour {number(row['contour_error_px'])} px"
+        )
+    else:
+        what = f"not solved: {row['reason']}"
+    names = ", ".join(clean(row[name], NAME_LIMIT) for name in ("method", "intrinsics"))
+    return Overlay(f"{title} ({names})", f"{place}. {clean(what, 300)}", _svg(dataset, row, truth, estimate))
+
+
+def _svg(dataset: Dataset, row: dict[str, Any], truth: Array, estimate: Array | None) -> str:
+    visible = truth[np.isfinite(truth).all(axis=-1)]
+    if not len(visible):
+        return ""
+    i = dataset.images.frame_ids.index(row["frame_id"])
+    record = dataset.images.records[i]
+    limit = np.array([record["width_px"], record["height_px"]])
+    low, high = visible.min(axis=0), visible.max(axis=0)
+    margin = max(6.0, 0.3 * float((high - low).max()))
+    # A square about the contour, as far as the image goes.
+    middle, reach = (low + high) / 2, float((high - low).max()) / 2 + margin
+    x0, y0 = np.clip(np.floor(middle - reach).astype(int), 0, limit - 1)
+    x1, y1 = np.clip(np.ceil(middle + reach).astype(int) + 1, 1, limit)
+    width, height = int(x1 - x0), int(y1 - y0)
+    under = _points(dataset, i, row, max(width, height)) if dataset.images.mode(i) == "points" else ""
+    if dataset.images.mode(i) == "images":
+        under = _image(dataset.images.image(i), int(x0), int(y0), width, height)
+    # Pixel (0, 0) has its centre at the origin: the raster begins half a pixel before it.
+    box = f"{x0 - 0.5} {y0 - 0.5} {width} {height}"
+    lines = [_path(visible, "truth", closed=len(visible) == len(truth))]
+    if estimate is not None:
+        lines.append(_path(estimate, "estimate", closed=True))
+    label = f"Frame {row['frame_id']}: true contour and estimate"
+    return f'<svg class="overlay" viewBox="{box}" role="img" aria-label="{label}">{under}{"".join(lines)}</svg>'
+
+
+def _path(points: Array, kind: str, closed: bool) -> str:
+    text = " ".join(f"{x:.2f},{y:.2f}" for x, y in points if np.isfinite(x) and np.isfinite(y))
+    return f'<{"polygon" if closed else "polyline"} class="{kind}" points="{text}"/>'
+
+
+def _points(dataset: Dataset, i: int, row: dict[str, Any], size: int) -> str:
+    """Edge points of a frame without an image, as dots."""
+    points = dataset.images.points(i).get(row["marker_id"], np.empty((0, 2)))
+    radius = size / 250
+    # Evenly spread along the contour: so many are enough to see it.
+    some = np.unique(np.linspace(0, max(len(points) - 1, 0), min(len(points), 300)).astype(int))
+    return "".join(f'<circle class="point" cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}"/>' for x, y in points[some])
+
+
+def _image(image: NDArray[Any], x0: int, y0: int, width: int, height: int) -> str:
+    """The crop as an inlined PNG, its pixels drawn as squares; contrast stretched to the crop."""
+    from PIL import Image
+
+    crop = grey(image)[y0 : y0 + height, x0 : x0 + width]
+    if not crop.size:
+        raise DataError("a marker lies outside its image; the dataset is corrupt")
+    low, high = float(crop.min()), float(crop.max())
+    levels = np.rint((crop - low) * (255 / max(high - low, 1e-9))).astype(np.uint8)
+    step = -(-max(width, height) // _MAX_CROP_PX)
+    picture = Image.fromarray(levels)
+    if step > 1:
+        picture = picture.resize((max(1, width // step), max(1, height // step)), Image.Resampling.BOX)
+    sink = io.BytesIO()
+    picture.save(sink, format="PNG", optimize=False, compress_level=9)
+    data = base64.b64encode(sink.getvalue()).decode()
+    return (
+        f'<image x="{x0 - 0.5}" y="{y0 - 0.5}" width="{width}" height="{height}" preserveAspectRatio="none" '
+        f'href="data:image/png;base64,{data}"/>'
+    )

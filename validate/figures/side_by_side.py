@@ -1,0 +1,236 @@
+"""Runs side by side: a figure of their errors, and what differs on the frames that two of them share.
+
+Frames are paired: each has its own difficulty, which cancels. Nothing is claimed of runs that share no frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
+from roundel.validate.scores.run_statistics import column
+from roundel.validate.scores.summary import select
+from roundel.validate.statistics.intervals import holm
+from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
+from roundel.validate.tables.table import NAME_LIMIT, Cell, Column, Table, clean
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+ALPHA = 0.05
+# Fewer shared frames than this decide nothing.
+MIN_SHARED = 20
+_MAX_SHOWN = 24
+NO_DIFFERENCE = ("no difference shown", "identical")
+
+ERRORS = (
+    ("oracle_normal_error_deg", "normal", "deg"),
+    ("oracle_position_error_pct", "position", "% of distance"),
+    ("oracle_reprojection_error_px", "reprojection", "px"),
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One run: its name for people, what it is a kind of (one colour), its summary, and its rows of scores."""
+
+    label: str
+    kind: str
+    run: dict[str, Any]
+    rows: pa.Table
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two runs on the frames that they share."""
+
+    first: Entry
+    second: Entry
+    about: str
+
+
+def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]:
+    """Median with its interval, and 95th percentile, of every run: one figure, none for fewer than two."""
+    shown = [e for e in entries if e.run["oracle"]["normal_error_deg"]["n"]][:_MAX_SHOWN]
+    if len(shown) < 2:
+        return []
+    kinds = list(dict.fromkeys(e.kind for e in shown))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(1, len(ERRORS), sharey=True, squeeze=False)[0]
+        for at, (name, label, unit) in zip(axes, ERRORS, strict=True):
+            middles = []
+            for y, entry in enumerate(shown):
+                found = entry.run["oracle"][name.removeprefix("oracle_")]
+                if not found["n"]:
+                    continue
+                k, middle, p95 = kinds.index(entry.kind), found["median"], found["p95"]
+                middles.append(middle)
+                at.plot([middle, p95], [y, y], color=colour(k), lw=1.0, alpha=0.5)
+                at.plot([p95], [y], color=colour(k), marker="|", ms=7, ls="none")
+                if found.get("median_low") is not None:
+                    at.plot([found["median_low"], found["median_high"]], [y, y], color=colour(k), lw=3.5, alpha=0.6)
+                at.plot([middle], [y], color=colour(k), marker=marker(k), ms=5, ls="none")
+            at.set_xlabel(f"{label} [{unit}]")
+            if middles and min(middles) > 0 and max(middles) > 8 * min(middles):
+                at.set_xscale("log")
+            else:
+                at.set_xlim(left=0)
+        axes[0].set_yticks(range(len(shown)), [legend_text(e.label) for e in shown])
+        axes[0].set_ylim(len(shown) - 0.5, -0.5)
+
+    size = (9.0, 0.28 * len(shown) + 0.9)
+    caption = (
+        f"{title}. Mark: median of the better candidate's error; thick line: its 95 % interval; thin line: up to the "
+        "95th percentile. Camera frame; reprojection in the delivered image."
+    )
+    if len(entries) > len(shown):
+        caption += f" {len(entries) - len(shown)} runs are in the table alone."
+    return [Picture("side-by-side", caption, draw_svg("side-by-side", title, size, draw))]
+
+
+def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
+    """Errors and failures of pairs of runs, frame by frame; nothing where too few frames are shared."""
+    errors: list[list[Any]] = []
+    solved: list[list[Any]] = []
+    for pair in pairs:
+        a, b = shared(pair.first.rows, pair.second.rows)
+        if a.num_rows >= MIN_SHARED:
+            solved.append(_solved(pair, a, b))
+            errors += [row for error in ERRORS if (row := _compared(pair, a, b, *error)) is not None]
+    for rows, at in ((errors, 9), (solved, 6)):
+        for row, p in zip(rows, holm([row[at] for row in rows]), strict=True):
+            row[at] = float(p)
+            row.append(_better(row, at))
+    about = (Column("about", "Intrinsics"), Column("first", "First"), Column("second", "Second"))
+    end = (Column("p_holm", "p", "Holm"), Column("better", "Smaller error"))
+    ratio = Table(
+        "comparisons",
+        "Errors, frame by frame",
+        (
+            *about,
+            Column("error", "Error"),
+            Column("frames", "Circles", "both solved"),
+            Column("ratio_rms", "Second / first", "RMS"),
+            Column("ratio_low", "", role="low"),
+            Column("ratio_high", "", role="high"),
+            Column("detectable_pct", "Detectable", "% change"),
+            *end,
+        ),
+        _plain(errors),
+        "Ratio of the RMS errors of the better candidate over the circles that both solved, each over its own "
+        "Cramer-Rao bound where all have one; in brackets its 95 % interval by a paired bootstrap. p: two-sided, Holm "
+        f"over this table. Detectable: the change that these circles would show in 95 of 100 cases at level {ALPHA:g}. "
+        "Camera frame; reprojection in the delivered image.",
+    )
+    lost = Table(
+        "solved_by_one",
+        "Solved by one alone",
+        (
+            *about,
+            Column("circles", "Circles", "shared"),
+            Column("only_first", "First alone", "count"),
+            Column("only_second", "Second alone", "count"),
+            Column("p_holm", "p", "Holm"),
+            Column("better", "Solves more"),
+        ),
+        _plain(solved),
+        "Circles that both were to find. p: McNemar's exact test, two-sided, Holm over this table.",
+    )
+    return [table for table in (ratio, lost) if table.rows]
+
+
+def shared(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
+    """The rows of two runs that are of the same circle of the same frame, in one order."""
+    keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
+    where = [{key: i for i, key in enumerate(k)} for k in keys]
+    both = sorted(where[0].keys() & where[1].keys())
+    first, second = (pa.array([w[key] for key in both], pa.int64()) for w in where)
+    return a.take(first), b.take(second)
+
+
+def _compared(pair: Pair, a: pa.Table, b: pa.Table, name: str, label: str, unit: str) -> list[Any] | None:
+    first, second = (_over_bound(t, name) for t in (a, b))
+    plain = [column(t, name) for t in (a, b)]
+    bounded = np.isfinite(plain[0]) & np.isfinite(plain[1])
+    x, y = (first, second) if np.array_equal(np.isfinite(first) & np.isfinite(second), bounded) else plain
+    x, y = x[bounded], y[bounded]
+    if len(x) < MIN_SHARED:
+        return None
+    test = rms_ratio_test(y, x, alpha=ALPHA / 2)
+    if not math.isfinite(test.effect):
+        return None
+    low, high = (math.exp(test.effect + z * test.standard_error) for z in (-1.96, 1.96))
+    p = 2 * min(test.p_value, 1 - test.p_value) if test.standard_error else 1.0
+    head = [pair.about, pair.first.label, pair.second.label, f"{label} [{unit}]", len(x)]
+    return [*head, math.exp(test.effect), low, high, 100 * math.expm1(test.detectable), p]
+
+
+def _over_bound(rows: pa.Table, name: str) -> Array:
+    """Errors over their frames' bounds; NaN where there is none."""
+    values = column(rows, name)
+    if name == "oracle_normal_error_deg":
+        bound = column(rows, "normal_bound_deg")
+    elif name == "oracle_position_error_pct":
+        bound = 100 * column(rows, "position_bound_m") / column(rows, "distance_m")
+    else:
+        return np.full(len(values), np.nan)
+    return np.asarray(np.divide(values, bound, out=np.full(len(values), np.nan), where=bound > 0))
+
+
+def _solved(pair: Pair, a: pa.Table, b: pa.Table) -> list[Any]:
+    one, two = (np.array(t["solved"].to_pylist(), dtype=bool) for t in (a, b))
+    only = int(np.sum(one & ~two)), int(np.sum(two & ~one))
+    p = min(1.0, 2 * min(mcnemar_test(x, y, alpha=ALPHA).p_value for x, y in ((two, one), (one, two))))
+    return [pair.about, pair.first.label, pair.second.label, len(one), *only, p]
+
+
+def _better(row: Sequence[Any], at: int) -> str:
+    """Who is better, in words; nobody where chance explains it."""
+    if at == 9 and row[6] == row[7] == 1:
+        return NO_DIFFERENCE[1]
+    if row[at] >= ALPHA:
+        return NO_DIFFERENCE[0]
+    second = row[5] < 1 if at == 9 else row[5] > row[4]
+    return str(row[2] if second else row[1])
+
+
+def _plain(rows: Sequence[Sequence[Any]]) -> tuple[tuple[Cell, ...], ...]:
+    return tuple(tuple(row) for row in rows)
+
+
+def entries_of(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
+    """Runs of one table of scores against the truth; `of` says whose they are, where several reports have their own."""
+    found = []
+    for run in runs:
+        key = (run["method"], run["intrinsics"], run["reference"])
+        if key[0] != CHESSBOARD and key[2] == "truth":
+            name = clean(": ".join(filter(None, (of, f"{key[0]}, {key[1]}"))), NAME_LIMIT)
+            found.append(Entry(name, of or key[0], run, table.filter(pa.array(select(table, key)))))
+    return found
+
+
+def method_pairs(entries: Sequence[Entry], first: str) -> list[Pair]:
+    """Each other method against the method `first`, intrinsics by intrinsics."""
+    by_intrinsics: dict[str, dict[str, Entry]] = {}
+    for entry in entries:
+        by_intrinsics.setdefault(entry.run["intrinsics"], {})[entry.kind] = entry
+    return [
+        Pair(
+            replace(found[first], label=clean(first, NAME_LIMIT)), replace(entry, label=clean(kind, NAME_LIMIT)), label
+        )
+        for label, found in by_intrinsics.items()
+        if first in found
+        for kind, entry in found.items()
+        if kind != first
+    ]

@@ -1,0 +1,30 @@
+"""Figures as files beside the report: the SVG of the page, which follows the reader's light or dark by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from roundel.datasets.layout.files import write_file
+from roundel.validate.figures.svg import Picture, standalone_svg
+
+FOLDER = "figures"
+_OURS = b'<svg class="figure"'  # how `draw_svg` begins
+
+
+def write_figures(folder: Path, pictures: Sequence[Picture]) -> None:
+    """Write every figure as `folder`/figures/NAME.svg; a figure of an earlier run, which this one lacks, does not stay.
+
+    Parameters
+    ----------
+    folder : Path
+        The report's.
+    pictures : sequence of Picture
+        Their names are safe in paths (`drawing.name_of`).
+    """
+    inside = folder / FOLDER
+    for old in set(inside.glob("*.svg")) - {inside / f"{picture.name}.svg" for picture in pictures}:
+        if old.read_bytes().startswith(_OURS):
+            old.unlink()
+    for picture in pictures:
+        write_file(inside / f"{picture.name}.svg", standalone_svg(picture).encode())

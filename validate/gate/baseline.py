@@ -1,0 +1,181 @@
+"""Baselines: the scores that later ones are held against, one small Parquet file for git.
+
+A row is one circle with one method and one kind of intrinsics; the file's metadata say what the rows may be compared
+with, and who accepted them why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from roundel.datasets.layout.files import write_file
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.gate.checks import MIN_CIRCLES
+
+SCHEMA = 2
+KEY = ("frame_id", "marker_id", "method", "intrinsics")
+ERRORS = (
+    "oracle_pose_error_bounds",
+    "oracle_normal_error_deg",
+    "oracle_position_error_m",
+    "contour_error_px",
+    "ellipse_centre_x_error_px",
+    "ellipse_centre_y_error_px",
+)
+BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
+_COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
+_METADATA = b"roundel_baseline"
+_SINGLE = (*ERRORS, *BOUNDS)  # seven digits are plenty to compare with, and half the size in git
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Scores to compare with.
+
+    Attributes
+    ----------
+    rows : pyarrow.Table
+        Sorted by `KEY`.
+    dataset_id, images, settings : str
+        Identity of the dataset, digest of its images, hash of the validator's settings.
+    metric_version : int
+    accepted : list of dict
+        `{reason, roundel}` of every acceptance, the latest last.
+    """
+
+    rows: pa.Table
+    dataset_id: str
+    images: str
+    settings: str
+    metric_version: int
+    accepted: list[dict[str, str]]
+
+
+def baseline_of_report(report: str | Path) -> Baseline:
+    """The scores of a report, as a baseline that nobody has accepted yet.
+
+    Raises
+    ------
+    UsageError
+        If there is no report.
+    DataError
+        If it is corrupt, scores a circle twice, or is from a version without what a gate needs.
+    NotComparableError
+        If it scored nothing.
+    """
+    folder = Path(report)
+    folder = folder.parent if folder.is_file() else folder
+    scores, summary = folder / "scores.parquet", folder / "summary.json"
+    for file in (scores, summary):
+        if not file.is_file():
+            raise UsageError(f"{report}: not a report: it has no {file.name}; `roundel validate` writes one")
+    try:
+        table, facts = pq.read_table(scores), json.loads(summary.read_text(encoding="utf-8"))
+        settings = hashlib.sha256(json.dumps(facts["settings"], sort_keys=True).encode()).hexdigest()
+        identity = facts["dataset"]["dataset_id"], facts["checksums"]["images"], settings
+        version, roundel = int(facts["metric_version"]), str(facts["versions"]["validate"]["roundel"])
+        rows = baseline_of_scores(table)
+    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DataError(
+            f"{folder}: not a report that a gate can read ({reason}); validate the dataset again"
+        ) from error
+    _check_rows(rows, folder)
+    return Baseline(rows, *identity, version, [{"reason": "", "roundel": roundel}])
+
+
+def baseline_of_scores(scores: pa.Table) -> pa.Table:
+    """Rows of a baseline: the columns of scores.parquet that a gate compares, against the truth, sorted by `KEY`."""
+    rows = scores.filter(pc.equal(scores["reference"], "truth")).select(list(_COLUMNS))
+    for name in _SINGLE:
+        at = rows.column_names.index(name)
+        rows = rows.set_column(at, name, rows[name].cast(pa.float32()))
+    return rows.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
+
+
+def _check_rows(rows: pa.Table, source: Path) -> None:
+    """There are scores, and one a circle and run."""
+    if rows.num_rows == 0:
+        raise NotComparableError(f"{source}: no scores, so there is nothing to compare")
+    keys = rows.select(list(KEY))
+    if keys.group_by(list(KEY)).aggregate([]).num_rows < rows.num_rows:
+        raise DataError(f"{source}: a circle is scored twice in one run; validate the dataset again")
+
+
+def write_baseline(baseline: Baseline, path: str | Path) -> None:
+    """Write a baseline, whole or not at all; the same scores give the same bytes."""
+    facts: dict[str, Any] = {
+        "schema": SCHEMA,
+        "metric_version": baseline.metric_version,
+        "dataset_id": baseline.dataset_id,
+        "images": baseline.images,
+        "settings": baseline.settings,
+        "accepted": baseline.accepted,
+    }
+    sink = io.BytesIO()
+    table = baseline.rows.replace_schema_metadata({_METADATA: json.dumps(facts).encode()})
+    pq.write_table(table, sink, compression="zstd", compression_level=19)
+    write_file(path, sink.getvalue())
+
+
+def read_baseline(path: str | Path) -> Baseline:
+    """Read a baseline.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file.
+    DataError
+        If it is corrupt or none, or scores a circle twice.
+    NotComparableError
+        If it is empty, or another version of Roundel wrote it in another format.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise UsageError(f"{file}: there is no such baseline; `roundel baseline accept` writes one")
+    try:
+        table = pq.read_table(file)
+        facts = json.loads((table.schema.metadata or {})[_METADATA])
+        schema = facts["schema"]
+        if schema != SCHEMA:
+            raise NotComparableError(f"{file}: a baseline of format {schema}, not {SCHEMA}; accept a new one")
+        rows = table.replace_schema_metadata(None).select(list(_COLUMNS))
+        _check_rows(rows, file)
+        identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
+        return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
+    except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DataError(f"{file}: not a baseline, or a damaged one ({reason})") from error
+
+
+def accept(report: str | Path, path: str | Path, reason: str) -> Baseline:
+    """Make the scores of a report the baseline; what was accepted before stays in its history.
+
+    Raises
+    ------
+    UsageError
+        If no reason is given, or there is no report.
+    NotComparableError
+        If too few circles are solved for any later verdict.
+    """
+    if not reason.strip():
+        raise UsageError("--reason: say why these scores are right; whoever reads the history will want to know")
+    new = baseline_of_report(report)
+    solved = new.rows.filter(new.rows["solved"]).group_by(["method", "intrinsics"]).aggregate([([], "count_all")])
+    most = max(solved["count_all"].to_pylist(), default=0)
+    if most < MIN_CIRCLES:
+        raise NotComparableError(f"{report}: {most} circles are solved; a verdict needs {MIN_CIRCLES}")
+    history = read_baseline(path).accepted if Path(path).is_file() else []
+    accepted = [*history, {"reason": " ".join(reason.split()), "roundel": new.accepted[0]["roundel"]}]
+    baseline = Baseline(new.rows, new.dataset_id, new.images, new.settings, new.metric_version, accepted)
+    write_baseline(baseline, path)
+    return baseline

@@ -1,0 +1,231 @@
+"""The questions that a gate asks of one run, circle by circle paired with the baseline's, and how it words the answers.
+
+Three kinds of question: has an error grown (RMS of errors over their bounds), has an error moved (the mean of a signed
+one), have circles been lost (a rate). What no test can see in noise, golden frames show on the same images.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.statistics.paired_tests import PairedTest, mcnemar_test, rms_ratio_test, shift_test
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ALPHA = 0.005  # of one false alarm in the whole family
+MIN_CIRCLES = 30  # below them a statistic says nothing worth a verdict
+RELATIVE_FLOOR = 0.02
+RATE_FLOOR = 0.002
+# An error this many times the baseline's median is gross. Gross errors are counted, and enter an RMS as if they were
+# just gross: a few of them would otherwise hide from it whatever happens to all the others.
+GROSS = 8.0
+# Golden frames: an error may grow by half of itself, or by so many bounds, whichever is more. Fresh noise on the same
+# scene stays below that; a bug does not.
+GOLDEN = 16
+GOLDEN_RELATIVE = 0.5
+GOLDEN_BOUNDS = 8.0
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An error that the gate watches: its column, its bound's (none: it is in bounds), words, unit, floor of a loss."""
+
+    column: str
+    bound: str | None
+    title: str
+    unit: str
+    floor: float
+
+
+POSE = Quantity("oracle_pose_error_bounds", None, "pose", "bounds", 0.001)
+QUANTITIES = (
+    POSE,
+    Quantity("oracle_normal_error_deg", "normal_bound_deg", "normal", "deg", 0.001),
+    Quantity("oracle_position_error_m", "position_bound_m", "position", "m", 1e-6),
+    Quantity("contour_error_px", "ellipse_centre_bound_px", "contour", "px", 0.0005),
+)
+SHIFTS = (
+    Quantity("ellipse_centre_x_error_px", None, "shift of the ellipse centre in x", "px", 0.002),
+    Quantity("ellipse_centre_y_error_px", None, "shift of the ellipse centre in y", "px", 0.002),
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question and its answer.
+
+    Attributes
+    ----------
+    run, name : str
+    verdict : str
+        `same`, `worse`, `better`, or `identical`.
+    sentence : str
+    p_value : float
+        Adjusted for the family; NaN where nothing was tested.
+    """
+
+    run: str
+    name: str
+    verdict: str
+    sentence: str
+    p_value: float = math.nan
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A question put to the data: its kind (`growth`, `shift`, `rate`), the test, and what the sentence tells.
+
+    `was` and `is_now` are an RMS, a mean or a rate.
+    """
+
+    run: str
+    kind: str
+    title: str
+    unit: str
+    floor: float
+    test: PairedTest
+    was: float
+    is_now: float
+
+    @property
+    def could_differ(self) -> bool:
+        """Whether the two sides differ at all: if not, the question takes no part in the family."""
+        return self.test.effect != 0.0 or self.test.standard_error > 0.0
+
+
+def flags(rows: pa.Table, name: str) -> Flags:
+    """A column of booleans without nulls."""
+    return np.asarray(rows[name].to_numpy(zero_copy_only=False), dtype=bool)
+
+
+def floats(rows: pa.Table, name: str) -> Array:
+    """A column of numbers; nulls are NaN."""
+    return np.asarray(rows[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def golden(run: str, new: pa.Table, old: pa.Table) -> Check:
+    """Circles evenly spread over those that the baseline solved: each error may grow by a tolerance, no more.
+
+    Parameters
+    ----------
+    run : str
+    new, old : pyarrow.Table
+        Scores of the same circles, from the same images.
+    """
+    solved = np.flatnonzero(flags(old, "solved"))
+    rows = solved[np.unique(np.linspace(0, len(solved) - 1, GOLDEN).astype(int))]
+    for row in rows.tolist():
+        where = f"frame {old['frame_id'][row].as_py()}, marker {old['marker_id'][row].as_py()}"
+        if not flags(new, "solved")[row]:
+            return Check(run, "golden frames", "worse", f"{where} is no longer solved")
+        for q in QUANTITIES:
+            was, is_now = floats(old, q.column)[row], floats(new, q.column)[row]
+            bound = floats(old, q.bound)[row] if q.bound else 1.0
+            allowed = was + max(GOLDEN_RELATIVE * was, GOLDEN_BOUNDS * bound if math.isfinite(bound) else 0.0, q.floor)
+            # An error that cannot be told any more is none that stayed small.
+            if math.isfinite(was) and not is_now <= allowed:
+                sentence = f"{where}: {q.title} {was:.3g} -> {is_now:.3g} {q.unit}, allowed {allowed:.3g}"
+                return Check(run, "golden frames", "worse", sentence)
+    return Check(run, "golden frames", "same", f"{len(rows)} golden circles stay within their tolerances")
+
+
+def questions(run: str, new: pa.Table, old: pa.Table) -> list[Tested]:
+    """Every question that the scores of one run can answer.
+
+    Parameters
+    ----------
+    run : str
+    new, old : pyarrow.Table
+        Scores of the same circles, row by row.
+    """
+    both = flags(new, "solved") & flags(old, "solved")
+    out: list[Tested] = []
+    for q in QUANTITIES:
+        a, b, bound = floats(new, q.column), floats(old, q.column), _bound(old, q, both)
+        known = both & np.isfinite(b) & np.isfinite(bound)
+        keep = known & np.isfinite(a)
+        if np.any(known & ~keep):
+            out.append(_rate(run, f"{q.title} given", keep[known], np.ones(int(known.sum()))))
+        if np.count_nonzero(keep) < MIN_CIRCLES:
+            continue
+        scale = bound[keep] * _spread(b[keep] / bound[keep], old["group"].filter(pa.array(keep)).to_pylist())
+        x, y = a[keep] / scale, b[keep] / scale
+        limit = GROSS * float(np.median(y))
+        if limit > 0:
+            if q is POSE:
+                out.append(_rate(run, "pose without gross error", x <= limit, y <= limit))
+            x, y = np.minimum(x, limit), np.minimum(y, limit)
+        test = rms_ratio_test(x, y, alpha=ALPHA)
+        out.append(Tested(run, "growth", q.title, q.unit, q.floor, test, _rms(b[keep]), _rms(a[keep])))
+    for q in SHIFTS:
+        a, b = floats(new, q.column), floats(old, q.column)
+        keep = both & np.isfinite(a) & np.isfinite(b)
+        if np.count_nonzero(keep) >= MIN_CIRCLES:
+            test = shift_test(a[keep], b[keep], alpha=ALPHA)
+            floor = max(q.floor, RELATIVE_FLOOR * _rms(b[keep]))
+            out.append(Tested(run, "shift", q.title, q.unit, floor, test, float(b[keep].mean()), float(a[keep].mean())))
+    out.append(_rate(run, "solved", flags(new, "solved"), flags(old, "solved")))
+    right = [np.array([np.nan if v is None else float(v) for v in t["branch_correct"].to_pylist()]) for t in (new, old)]
+    known = np.isfinite(right[0]) & np.isfinite(right[1])
+    if np.count_nonzero(known) >= MIN_CIRCLES:
+        out.append(_rate(run, "right candidate", right[0][known], right[1][known]))
+    return out
+
+
+def _bound(old: pa.Table, q: Quantity, both: Flags) -> Array:
+    """What each error is divided by: its bound, or 1 for all where most circles have none (images without noise)."""
+    one = np.ones(old.num_rows)
+    if q.bound is None:
+        return one
+    bound = floats(old, q.bound)
+    bound = np.where(bound > 0, bound, np.nan)
+    return bound if np.count_nonzero(both & np.isfinite(bound)) * 2 > np.count_nonzero(both) else one
+
+
+def _spread(errors: Array, groups: list[str]) -> Array:
+    """RMS of the group that each error belongs to: a group far from its bounds does not outweigh the others."""
+    names, index = np.unique(np.array(groups), return_inverse=True)
+    count = np.bincount(index, minlength=len(names))
+    power = np.bincount(index, errors**2, minlength=len(names)) / count
+    # What is known of a few circles, or of a group without error, is no measure of anything.
+    power = np.where((count >= MIN_CIRCLES) & (power > 0), power, np.mean(errors**2))
+    return np.sqrt(np.where(power > 0, power, 1.0))[index]
+
+
+def _rate(run: str, title: str, new: Flags | Array, old: Flags | Array) -> Tested:
+    test = mcnemar_test(new, old, alpha=ALPHA)
+    return Tested(run, "rate", title, "", RATE_FLOOR, test, float(np.mean(old)), float(np.mean(new)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def answer(tested: Tested, p: float) -> Check:
+    """The verdict on one question; `p` is adjusted for the family."""
+    t, test = tested, tested.test
+    if t.kind == "rate":
+        sure = p < ALPHA and test.effect > t.floor
+        better = not sure and test.effect < -t.floor and test.effect < -3.0 * test.standard_error
+        sentence = f"{t.title}: {100 * t.was:.2f} % -> {100 * t.is_now:.2f} % of {test.n}, p = {p:.2g}"
+        return Check(t.run, t.title, "worse" if sure else "better" if better else "same", sentence, p)
+    if t.kind == "shift":
+        sure = p < ALPHA and test.effect > t.floor
+        away = abs(t.is_now) >= abs(t.was)
+        sentence = f"{t.title}: mean {t.was:+.4f} -> {t.is_now:+.4f} {t.unit}, p = {p:.2g}"
+        return Check(t.run, t.title, ("worse" if away else "better") if sure else "same", sentence, p)
+    change, margin = math.expm1(test.effect), 1.96 * test.standard_error
+    low, high = math.expm1(test.effect - margin), math.expm1(test.effect + margin)
+    sentence = (
+        f"{t.title}: RMS {t.was:.4g} -> {t.is_now:.4g} {t.unit}; over bound and group {100 * change:+.1f} % "
+        f"({100 * low:+.1f} to {100 * high:+.1f}), p = {p:.2g}"
+    )
+    matters = change > RELATIVE_FLOOR and change * t.was > t.floor
+    verdict = "worse" if p < ALPHA and matters else "better" if high < 0 and -change > RELATIVE_FLOOR else "same"
+    return Check(t.run, t.title, verdict, sentence, p)

@@ -1,0 +1,131 @@
+"""What a gate says, for people and for CI: lines, JUnit XML, a Markdown summary."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import xml.etree.ElementTree as ET
+
+from roundel.validate.gate.checks import Check
+from roundel.validate.gate.gate import Frame, GateResult
+
+# GitHub drops a step summary above 1,024 kB whole.
+SUMMARY_LIMIT_BYTES = 1_000_000
+_FEW = 200  # checks that are worse, listed before the circles that are to blame
+
+
+def replay_command(frame: Frame) -> str:
+    """The command that solves this frame again."""
+    method, intrinsics = frame.run.split(", ", 1)
+    frames = f"{frame.frame_id}:{frame.frame_id + 1}"
+    if intrinsics.startswith("calibrated:"):
+        intrinsics += ".json"  # a run is called by its camera file's name alone
+    words = ["--frames", frames, "--method", method, "--intrinsics", intrinsics]
+    return f"roundel solve DATASET OUT {shlex.join(words)}"
+
+
+def lines(result: GateResult) -> list[str]:
+    """The verdict for a terminal: what is worse first, then the rest, then the circles that lost most."""
+    out = [f"{check.verdict:9s} {check.run}: {check.sentence}" for check in _worst_first(result)]
+    if not result.passed and result.worst:
+        out.append("circles that lost most:")
+        out += [f"  {_place(frame)}: {frame.sentence}    {replay_command(frame)}" for frame in result.worst]
+    out += result.notes
+    worse = sum(check.verdict == "worse" for check in result.checks)
+    return [*out, "gate: passed" if result.passed else f"gate: WORSE in {worse} of {len(result.checks)} checks"]
+
+
+def _worst_first(result: GateResult) -> list[Check]:
+    order = {"worse": 0, "better": 1, "same": 2, "identical": 3}
+    return sorted(result.checks, key=lambda check: order[check.verdict])
+
+
+def _place(frame: Frame) -> str:
+    return f"frame {frame.frame_id}, marker {frame.marker_id} ({frame.run})"
+
+
+def junit_xml(result: GateResult, suite: str = "roundel gate") -> bytes:
+    """JUnit XML: a test case a check. Every time is 0, so that the same verdict has the same bytes."""
+    worse = [check for check in result.checks if check.verdict == "worse"]
+    counts = {"tests": str(len(result.checks)), "failures": str(len(worse)), "errors": "0", "time": "0"}
+    root = ET.Element("testsuites", counts)
+    node = ET.SubElement(root, "testsuite", {"name": suite, **counts, "skipped": "0"})
+    for check in result.checks:
+        case = ET.SubElement(
+            node, "testcase", {"classname": _plain(check.run), "name": _plain(check.name), "time": "0"}
+        )
+        if check.verdict == "worse":
+            about = {"message": _plain(check.sentence), "type": "worse"}
+            ET.SubElement(case, "failure", about).text = _plain(_details(check, result))
+        else:
+            ET.SubElement(case, "system-out").text = _plain(check.sentence)
+    return _written(root)
+
+
+def refused_xml(reason: str, suite: str = "roundel gate") -> bytes:
+    """JUnit XML of a comparison that was refused: one test case, in error."""
+    counts = {"tests": "1", "failures": "0", "errors": "1", "time": "0"}
+    root = ET.Element("testsuites", counts)
+    node = ET.SubElement(root, "testsuite", {"name": suite, **counts, "skipped": "0"})
+    case = ET.SubElement(node, "testcase", {"classname": suite, "name": "comparison", "time": "0"})
+    ET.SubElement(case, "error", {"message": _plain(reason), "type": "not comparable"})
+    return _written(root)
+
+
+def _written(root: ET.Element) -> bytes:
+    ET.indent(root)
+    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
+
+
+def _details(check: Check, result: GateResult) -> str:
+    mine = [frame for frame in result.worst if frame.run == check.run]
+    return "\n".join([check.sentence, *(f"{_place(f)}: {f.sentence}; {replay_command(f)}" for f in mine)])
+
+
+def _plain(text: str) -> str:
+    """Without the control characters that XML 1.0 has no way to write."""
+    return "".join(c if c in "\n\t" or ord(c) >= 32 else "?" for c in text)
+
+
+def markdown(result: GateResult) -> str:
+    """A step summary in Markdown, below GitHub's limit whatever the number of runs: what is worse comes first."""
+    checks = _worst_first(result)
+    worse = [check for check in checks if check.verdict == "worse"]
+    out = [f"## Roundel gate: {'**worse**' if worse else 'passed'}", ""]
+    if worse:
+        out += [*_table(worse[:_FEW]), *([f"and {len(worse) - _FEW} more"] if len(worse) > _FEW else []), ""]
+    if worse and result.worst:
+        out += ["### Circles that lost most", "", "| circle | error | replay |", "|---|---|---|"]
+        out += [f"| {_cell(_place(f))} | {_cell(f.sentence)} | `{_cell(replay_command(f))}` |" for f in result.worst]
+        out += ["", "### The other checks", ""]
+    out += [*_table(checks[len(worse) :]), "", *(f"- {_cell(note)}" for note in result.notes)]
+    kept: list[str] = []
+    size = 0
+    for line in out:
+        size += len(line.encode()) + 1
+        if size > SUMMARY_LIMIT_BYTES - 100:
+            kept.append("\n(cut short: a longer summary would be dropped)")
+            break
+        kept.append(line)
+    return "\n".join(kept).rstrip() + "\n"
+
+
+def refused_markdown(reason: str) -> str:
+    """A step summary of a comparison that was refused."""
+    return f"## Roundel gate: **nothing compared**\n\n{_cell(reason)}\n"
+
+
+def _table(checks: list[Check]) -> list[str]:
+    if not checks:
+        return []
+    out = ["| verdict | run | check | figure | p |", "|---|---|---|---|---|"]
+    for check in checks:
+        p = "" if math.isnan(check.p_value) else f"{check.p_value:.2g}"
+        out.append("| " + " | ".join(map(_cell, (check.verdict, check.run, check.name, check.sentence, p))) + " |")
+    return out
+
+
+def _cell(text: str) -> str:
+    """Text that stays in its cell and is text: no pipes, tags, code or line breaks of its own."""
+    escaped = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return " ".join(escaped.replace("|", "\\|").replace("`", "'").split())

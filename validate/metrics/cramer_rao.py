@@ -1,0 +1,121 @@
+"""The Cramer-Rao bound of each frame's errors, from the truth: what no unbiased method could do better than.
+
+Images: the information of all pixels near the edge, each with the noise of its own level; the two grey levels and the
+blur are unknown (`scenes.information`). Points: that of a contour of so many points with so much noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset
+from roundel.scenes.geometry.conic import ellipse_perimeter_px
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
+from roundel.scenes.geometry.information import (
+    contour_information,
+    pose_bound,
+    pose_information_of_shape,
+    shape_information_of_pixels,
+)
+from roundel.validate.metrics.ground_truth import Targets, columns_of
+
+Array = NDArray[np.float64]
+
+# Grey levels are known from this far round the edge; from 6 px on it matters by less than a tenth.
+_REACH_PX = 8.0
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Bounds, row by row as the targets; NaN where the truth does not tell (no noise, no contrast, seen on edge).
+
+    Attributes
+    ----------
+    normal_deg, position_m, ellipse_centre_px : (N,) arrays
+        RMS of the angle, of the distance, and of the distance between ellipse centres.
+    information : (N, 5, 5) array
+        Of rotation about the marker's X and Y axes (rad) and of the centre (m).
+    """
+
+    normal_deg: Array
+    position_m: Array
+    ellipse_centre_px: Array
+    information: Array
+
+    def take(self, rows: NDArray[np.int64]) -> Bounds:
+        """Some of the rows."""
+        return Bounds(
+            self.normal_deg[rows], self.position_m[rows], self.ellipse_centre_px[rows], self.information[rows]
+        )
+
+
+def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
+    """Bounds of every target, with its true camera known."""
+    n = len(targets)
+    points, edges = _points(dataset, targets), _edges(dataset, targets)
+    normal, position, centre = (np.full(n, np.nan) for _ in range(3))
+    information = np.full((n, 5, 5), np.nan)
+    for i in np.flatnonzero(targets.placed).tolist():
+        pose, radius, k = targets.camera_from_marker[i], targets.diameter_m[i] / 2, targets.cameras[targets.camera[i]].K
+        try:
+            if np.isfinite(points[i]).all():
+                information[i] = contour_information(pose, radius, k, points[i, 0], points[i, 1])
+                # sqrt(2 / N) sigma for either coordinate (errata, section 6); an ellipse's is within 10 %.
+                centre[i] = 2.0 * points[i, 0] / math.sqrt(points[i, 1])
+            elif np.isfinite(edges[i]).all() and edges[i, 4] > 0:
+                contrast, blur, dark, light, visible = edges[i].tolist()
+                shape = visible * shape_information_of_pixels(
+                    targets.ellipse[i], 0.0, contrast, blur, (dark, light), reach_px=_REACH_PX
+                )
+                information[i] = pose_information_of_shape(shape, pose, radius, k)
+                centre[i] = math.sqrt(np.trace(np.linalg.inv(shape)[:2, :2]))
+        except (ValueError, np.linalg.LinAlgError):  # seen on edge, no contrast, no noise: no bound
+            continue
+        bound = pose_bound(information[i])
+        if math.isfinite(bound.normal_deg):
+            normal[i], position[i] = bound.normal_deg, bound.position_m
+    return Bounds(normal, position, np.where(np.isfinite(normal), centre, np.nan), information)
+
+
+def _edges(dataset: Dataset, targets: Targets) -> Array:
+    """Contrast, blur without the pixel, noise of the dark and of the light side, visible fraction: (N, 5)."""
+    names = ["edge_contrast_dn", "edge_noise_dn", "edge_blur_px", "visible_fraction"]
+    contrast, noise, blur, visible = columns_of(targets.truth, names).T
+    slope = _shot_slope(dataset, targets)
+    # The truth has the RMS of both sides' noise; shot noise tells them apart, as its variance grows with the level.
+    with np.errstate(invalid="ignore"):
+        apart = np.minimum(slope * contrast / 2, 0.99 * noise**2)
+        blur = np.sqrt(np.maximum(blur**2 - PIXEL_VARIANCE, 0.0))
+    return np.stack([contrast, blur, np.sqrt(noise**2 - apart), np.sqrt(noise**2 + apart), visible], axis=-1)
+
+
+def _shot_slope(dataset: Dataset, targets: Targets) -> Array:
+    """Variance of shot noise over level, DN, of each target's frame; 0 where the curve is not linear or not known."""
+    of_frame = {}
+    for frame_id, record in zip(dataset.images.frame_ids, dataset.images.records, strict=True):
+        sensor: dict[str, Any] = record.get("sensor") or {}
+        plain = sensor.get("shot_noise") and sensor.get("curve") == "linear"
+        of_frame[frame_id] = float(sensor.get("gain_dn_per_e", 0.0)) if plain else 0.0
+    return np.array([of_frame.get(frame_id, 0.0) for frame_id in targets.frame_id.tolist()])
+
+
+def _points(dataset: Dataset, targets: Targets) -> Array:
+    """Standard deviation of an edge point, px, and how many there are: (N, 2), NaN where the frame is an image."""
+    out = np.full((len(targets), 2), np.nan)
+    group = np.array(targets.truth["group"].to_pylist(), dtype=object)
+    groups: dict[str, Any] = dataset.study.get("groups") or {}
+    for name, settings in groups.items():
+        if settings.get("mode") == "points":
+            rows, points = group == name, settings["points"]
+            out[rows, 0] = float(points["sigma_px"])
+            out[rows, 1] = (
+                ellipse_perimeter_px(targets.ellipse[rows])
+                if points["count"] == "perimeter"
+                else float(points["count"])
+            )
+    return out

@@ -1,0 +1,227 @@
+"""`roundel compare`: one page over several reports. Of one dataset they are paired; of several they stand side by side.
+
+Nothing is compared that was measured differently: another metric version, another extent of the reprojection grid.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from roundel.datasets.layout.files import check_no_dataset, sha256, write_file
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.figures.side_by_side import (
+    ERRORS,
+    NO_DIFFERENCE,
+    Entry,
+    Pair,
+    entries_of,
+    pair_tables,
+    side_by_side_pictures,
+)
+from roundel.validate.figures.writers import write_figures
+from roundel.validate.report.html import Tables, figures, fill, presentable
+from roundel.validate.scores.scores import KEY
+from roundel.validate.scores.summary import SCHEMA, versions
+from roundel.validate.tables.report import pairs_table, result_table
+from roundel.validate.tables.table import NAME_LIMIT, Table, clean
+from roundel.validate.tables.writers import write_tables
+
+SCORES, SUMMARY, PAGE = "scores.parquet", "summary.json", "compare.html"
+# What is read of a report's scores.
+NEEDED = (*KEY, "solved", "distance_m", "normal_bound_deg", "position_bound_m", *(name for name, _, _ in ERRORS))
+NAMES = ("results", "comparisons", "solved_by_one", "reports")
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report read back: what it is called on the page, its summary and its scores."""
+
+    label: str
+    summary: dict[str, Any]
+    scores: pa.Table
+
+    @property
+    def dataset_id(self) -> str:
+        """Identity of the scenes."""
+        return str(self.summary["dataset"]["dataset_id"])
+
+
+def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[str]:
+    """Write `compare.html` and its tables.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Folders that `roundel validate` wrote; the first is what the others are compared with.
+    out_path : path
+        A folder.
+
+    Returns
+    -------
+    list of str
+        What was found, in sentences.
+
+    Raises
+    ------
+    UsageError
+        If fewer than two reports are given, one is given twice, or the folder is a file or one of the reports.
+    DataError
+        If a report cannot be read, or its files do not belong together.
+    NotComparableError
+        If their errors were measured differently.
+    """
+    if len(paths) < 2:
+        raise UsageError("compare: give two or more reports; one alone has its own report.html")
+    out, folders = Path(out_path), [Path(path) for path in paths]
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; name a folder for the comparison")
+    check_no_dataset(out)
+    if out.resolve() in (folder.resolve() for folder in folders):
+        raise UsageError(f"{out}: is one of the reports; name another folder for the comparison")
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        raise UsageError("compare: the same report is given twice")
+    reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
+    _check(reports, folders)
+    entries = [entries_of(r.scores, r.summary["runs"], r.label) for r in reports]
+    found = [_results(reports), *pair_tables(_pairs(reports, entries)), _sources(reports)]
+    tables = {table.name: table for table in found}
+    said = _sentences(reports, tables)
+    drawn = side_by_side_pictures([entry for mine in entries for entry in mine], "The reports side by side")
+    html = fill(
+        "compare.html.j2",
+        title=" and ".join(r.label for r in reports) if len(reports) == 2 else f"{len(reports)} reports",
+        sentences=said,
+        pictures=figures(drawn),
+        tables=Tables(tables),
+        version=versions()["roundel"],
+    )
+    write_file(out / PAGE, html.encode())
+    write_figures(out, drawn)
+    write_tables(out, found, NAMES)
+    return said
+
+
+def read_report(folder: Path, label: str) -> Report:
+    """A report's summary and scores, checked against each other.
+
+    Raises
+    ------
+    UsageError
+        If there is no report.
+    DataError
+        If its files cannot be read or do not belong together.
+    NotComparableError
+        If another version of Roundel wrote it in another form.
+    """
+    if not (folder / SUMMARY).is_file() or not (folder / SCORES).is_file():
+        raise UsageError(f"{folder}: is no report; name a folder that `roundel validate` wrote")
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        data = (folder / SCORES).read_bytes()
+        scores = pq.read_table(io.BytesIO(data))
+    except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
+        raise DataError(f"{folder}: a file of this report is damaged; validate it anew") from error
+    if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
+        raise NotComparableError(f"{folder}: written by another version of Roundel; validate it anew")
+    if (summary.get("checksums") or {}).get(SCORES) != sha256(data):
+        raise DataError(f"{folder}: {SCORES} is not the one that {SUMMARY} was made from; validate it anew")
+    missing = [name for name in NEEDED if name not in scores.column_names]
+    if missing:
+        raise NotComparableError(f"{folder}: its scores have no {missing[0]}; validate it anew")
+    return Report(label, presentable(summary), scores)
+
+
+def labels_of(folders: Sequence[Path]) -> list[str]:
+    """What each report is called: the end of its path, as long as it takes to tell them apart."""
+    parts = [folder.absolute().parts for folder in folders]
+    for length in range(1, max(map(len, parts)) + 1):
+        labels = ["/".join(part[-length:]) for part in parts]
+        if len(set(labels)) == len(labels) and "report" not in labels:
+            break
+    return [clean(label.removesuffix("/report"), NAME_LIMIT) for label in labels]
+
+
+def _check(reports: Sequence[Report], folders: Sequence[Path]) -> None:
+    first = reports[0].summary
+    for report, folder in zip(reports[1:], folders[1:], strict=True):
+        mine = report.summary
+        if mine["metric_version"] != first["metric_version"]:
+            raise NotComparableError(
+                f"{folder}: its metrics are of version {mine['metric_version']}, those of {folders[0]} of version "
+                f"{first['metric_version']}; validate both with one Roundel"
+            )
+        a, b = (s["settings"]["reprojection_extent_D"] for s in (first, mine))
+        if a != b:
+            raise NotComparableError(
+                f"{folder}: its reprojection reaches {b:g} D, that of {folders[0]} {a:g} D; validate both with one "
+                "--extent-D"
+            )
+
+
+def _pairs(reports: Sequence[Report], entries: Sequence[Sequence[Entry]]) -> list[Pair]:
+    """Each later report's runs with those of the first: the same method and intrinsics, or the only other method."""
+    pairs = []
+    methods = {entry.run["method"] for entry in entries[0]}
+    for report, mine in zip(reports[1:], entries[1:], strict=True):
+        if report.dataset_id != reports[0].dataset_id:
+            continue
+        alone = len(methods) == 1 and len({entry.run["method"] for entry in mine}) == 1
+        for entry in mine:
+            for other in entries[0]:
+                same_method = other.run["method"] == entry.run["method"] or alone
+                if same_method and other.run["intrinsics"] == entry.run["intrinsics"]:
+                    pairs.append(Pair(other, entry, entry.run["intrinsics"]))
+    return pairs
+
+
+def _results(reports: Sequence[Report]) -> Table:
+    runs = [
+        {**run, "report": report.label, "dataset": report.summary["dataset"]["name"]}
+        for report in reports
+        for run in report.summary["runs"]
+        if run["reference"] == "truth" and run["method"] != CHESSBOARD
+    ]
+    one = len({report.dataset_id for report in reports}) == 1
+    return result_table(runs, reports[0].summary, ("report",) if one else ("report", "dataset"))
+
+
+def _sources(reports: Sequence[Report]) -> Table:
+    rows = [
+        (r.label, r.summary["dataset"]["name"], r.summary["dataset"]["frames"], r.summary["dataset"]["seed"],
+         r.dataset_id[:12], str(r.summary["checksums"].get("images"))[:12],
+         r.summary["versions"]["validate"]["roundel"], r.summary["metric_version"], r.summary["checksums"][SCORES][:12])
+        for r in reports
+    ]  # fmt: skip
+    heads = ("Report", "Study", "Frames", "Seed", "Dataset", "Images sha256", "Roundel", "Metrics", "Scores sha256")
+    return pairs_table("reports", "The reports", heads, rows, "Identities and checksums by their first twelve digits.")
+
+
+def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]:
+    same = [r for r in reports[1:] if r.dataset_id == reports[0].dataset_id]
+    images = {str(r.summary["checksums"].get("images")) for r in (reports[0], *same)}
+    found = []
+    if len(same) < len(reports) - 1:
+        found.append(
+            "The reports are of different datasets. Those stand side by side; no difference between them is claimed, "
+            "since their frames are not the same."
+        )
+    if same:
+        pixels = "the same images" if len(images) == 1 else "the same scenes, whose images differ"
+        found.append(f"{len(same) + 1} reports are of one dataset, {pixels}: they are compared frame by frame.")
+    if same and "comparisons" not in tables:
+        found.append("They share no method and intrinsics with enough circles solved by both, so nothing is tested.")
+    for row in tables["comparisons"].rows if "comparisons" in tables else ():
+        if row[-1] not in NO_DIFFERENCE:
+            found.append(f"{str(row[3]).capitalize()}, {row[0]} intrinsics: {row[-1]} has the smaller error.")
+    if "comparisons" in tables and all(row[-1] in NO_DIFFERENCE for row in tables["comparisons"].rows):
+        found.append("On the frames that they share, no difference of errors is shown.")
+    return found

@@ -1,0 +1,87 @@
+"""Pages: templates filled so that no text of a user's is taken for anything but text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import resources
+from typing import Any
+
+from roundel.validate.figures.svg import Picture
+from roundel.validate.tables.table import NAME_LIMIT, TEXT_LIMIT, Table, clean, heads, shown_rows
+
+# A page shows so many rows of a table; its CSV has them all. Five hundred are about 200 kB.
+_MAX_ROWS = 500
+
+# Keys whose values are names that a user gave. They are cut; other text is only freed of control characters.
+_NAMES = ("name", "method", "methods", "intrinsics", "group", "groups", "reference")
+
+
+def fill(template: str, **values: Any) -> str:
+    """A page of `validate/`'s templates. Everything is escaped but Markup; undefined names are errors."""
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+    from markupsafe import Markup
+
+    room = resources.files("roundel.validate.report")
+    environment = Environment(
+        loader=FunctionLoader(lambda name: (room / name).read_text(encoding="utf-8")),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    css = Markup((room / "report.css").read_text(encoding="utf-8"))
+    return environment.get_template(template).render(css=css, **values).strip() + "\n"
+
+
+def presentable(value: Any, key: str = "") -> Any:
+    """A summary whose texts can be shown: names cut, and no character that controls what stands beside it."""
+    if isinstance(value, str):
+        if "\n" in value:
+            return "\n".join(clean(line, TEXT_LIMIT) for line in value.split("\n"))
+        return clean(value, NAME_LIMIT if key in _NAMES else TEXT_LIMIT)
+    if isinstance(value, dict):
+        return {clean(str(k), NAME_LIMIT): presentable(v, str(k)) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [presentable(v, key) for v in value]
+    return value
+
+
+def figures(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """Figures for a template: their SVG is ours, and goes in as it is."""
+    from markupsafe import Markup
+
+    return [
+        {"name": p.name, "caption": clean(p.caption, TEXT_LIMIT), "svg": Markup(p.svg), "folded": p.folded}
+        for p in pictures
+    ]
+
+
+def shown_table(table: Table) -> dict[str, Any]:
+    """A table for a template."""
+    rows = shown_rows(table)
+    numbers = [all(row[i].kind == "number" for row in rows) for i in range(len(heads(table)))]
+    return {
+        "name": table.name,
+        "title": table.title,
+        "heads": heads(table),
+        "numbers": numbers,
+        "rows": rows[:_MAX_ROWS],
+        "left_out": max(0, len(rows) - _MAX_ROWS),
+        "note": table.note,
+    }
+
+
+class Tables(dict[str, Any]):
+    """Tables for a template, by name; None for one that the report does not have."""
+
+    def __init__(self, tables: dict[str, Table]) -> None:
+        super().__init__({name: shown_table(table) for name, table in tables.items()})
+        seen: dict[str, str] = {}
+        for name, table in tables.items():
+            # A note that stood on the page before need not be read twice; files have it in full.
+            if table.note in seen and len(table.note) > 100:
+                self[name]["note"] = f"Statistic, frame and units as under \u201c{seen[table.note]}\u201d."
+            seen.setdefault(table.note, table.title)
+
+    def __missing__(self, name: str) -> None:
+        return None

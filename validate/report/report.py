@@ -1,0 +1,173 @@
+"""report.html: one file that stands alone, loads nothing and runs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from roundel.datasets.fidelity.summary import fidelity_lines
+from roundel.validate.figures.overlays import Overlay
+from roundel.validate.figures.svg import Picture
+from roundel.validate.report.html import Tables, figures, fill, presentable, shown_table
+from roundel.validate.report.summary_text import commands, intrinsics_in_words, main_run, sentences
+from roundel.validate.scores.summary import found_without_pose, number
+from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
+from roundel.validate.tables.table import Table
+
+# Style of an outcome; the word itself says it, for those who see no colours.
+_COLOURS = {"holds": "good", "does not hold": "bad"}
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The report's figures by where they stand; a figure that a verdict names stands beside that verdict."""
+
+    lead: list[Picture] = field(default_factory=list)
+    verdicts: list[Picture] = field(default_factory=list)
+    errors: list[Picture] = field(default_factory=list)
+    sweeps: list[Picture] = field(default_factory=list)
+    matrix: list[Picture] = field(default_factory=list)
+    comparison: list[Picture] = field(default_factory=list)
+    calibration: list[Picture] = field(default_factory=list)
+
+    def all(self) -> list[Picture]:
+        """Every figure, in the order of the page."""
+        return [picture for part in fields(self) for picture in getattr(self, part.name)]
+
+
+def render_report(
+    summary: dict[str, Any], pictures: Pictures, overlays: Sequence[Overlay], more: Sequence[Table] = ()
+) -> str:
+    """The report as HTML.
+
+    Parameters
+    ----------
+    summary : dict
+        From `summarise`, with its checksums.
+    pictures : Pictures
+    overlays : sequence of Overlay
+        Their SVG is ours and goes in as it is; everything else is escaped.
+    more : sequence of Table
+        Tables that a summary does not hold.
+    """
+    from markupsafe import Markup
+
+    summary = presentable(summary)
+    data, versions, measured = summary["dataset"], summary["versions"], summary["dataset"]["fidelity"]
+    tables = Tables({**report_tables(summary), **{table.name: table for table in more}})
+    verdicts = _verdicts(summary.get("verdicts") or [], pictures.verdicts)
+    reason = (summary["calibration"] or {}).get("reason")
+    chessboard = reason or pictures.calibration or any(tables[n] for n in ("calibrations", "boards"))
+    sections = (
+        (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
+        (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Every variable"),
+        (True, "results", "Results"),
+        (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
+        (True, "metrics", "Definitions"), (True, "made", "How it was made"),
+    )  # fmt: skip
+    return fill(
+        "report.html.j2",
+        data=data,
+        groups=_groups(data["groups"]),
+        sections=[(name, text) for there, name, text in sections if there],
+        sentences=sentences(summary),
+        cards=_cards(summary),
+        lead=figures(pictures.lead),
+        answer=(summary.get("worth") or {}).get("answer") or [""],
+        verdicts=verdicts,
+        errors=figures(pictures.errors),
+        sweeps=figures(pictures.sweeps),
+        matrix=figures(pictures.matrix),
+        comparison=figures(pictures.comparison),
+        maps=figures(pictures.calibration),
+        tables=tables,
+        no_calibration=reason,
+        overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],
+        definitions=shown_table(metric_table(summary["metrics"])),
+        commands=commands(summary),
+        settings=shown_table(pairs_table("settings", "Settings", ("Setting", "Value"), _facts(summary), "")),
+        fidelity=shown_table(fidelity_table(measured)) if (measured or {}).get("circles") else None,
+        no_fidelity=f"{fidelity_lines(measured)[0].capitalize()}.",
+        versions=shown_table(
+            pairs_table("versions", "Versions", ("Package", "Validation", "Rendering"), _versions(versions), "")
+        ),
+        checksums=shown_table(pairs_table("checksums", "Checksums", ("File", "sha256"), _checksums(summary), "")),
+        version=versions["validate"]["roundel"],
+    )
+
+
+def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[dict[str, Any]]:
+    """Verdicts, each with the figure that it names; a figure stands once, beside the first that names it."""
+    left = {shown["name"]: shown for shown in figures(pictures)}
+    keys = ("claim", "outcome", "sentence", "condition")
+    rows = [
+        {
+            **{k: v.get(k) for k in keys},
+            "settings": v.get("settings") or [],
+            "colour": _COLOURS.get(v.get("outcome", ""), ""),
+            "figure": left.pop(v.get("picture"), None),
+        }
+        for v in verdicts
+    ]
+    # Figures that no verdict names come last, with nothing said: the list of claims counts only what is claimed.
+    return [*rows, *({**dict.fromkeys(keys), "settings": [], "colour": "", "figure": shown} for shown in left.values())]
+
+
+def _groups(groups: dict[str, int], most: int = 8) -> str:
+    """Groups and their frames, where there are several."""
+    if len(groups) < 2:
+        return ""
+    named = ", ".join(f"{name}: {count}" for name, count in list(groups.items())[:most])
+    return named + (f" and {len(groups) - most} more groups" if len(groups) > most else "")
+
+
+def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
+    """The few numbers that everybody asks for, of the run that the report leads with."""
+    run = main_run(summary)
+    oracle, label = run["oracle"], intrinsics_in_words(run["intrinsics"])
+    share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
+    bare = found_without_pose(run)
+    if bare and not run["solved"]:
+        off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
+        return [
+            {"value": f"{100 * bare / run['n']:.4g} %", "label": f"of {run['n']} circles found, without a pose"},
+            {"value": f"{number(off[0])} px", "label": "centre, from the image of the circle's, median"},
+            {"value": f"{number(off[1])} px", "label": "centre, from the ellipse's, median"},
+        ]
+    normal, position, around = (
+        number(oracle[f"{name}_error_{unit}"]["median"])
+        for name, unit in (("normal", "deg"), ("position", "pct"), ("reprojection", "px"))
+    )
+    return [
+        {"value": share, "label": f"of {run['n']} circles solved"},
+        {"value": f"{normal}\N{DEGREE SIGN}", "label": f"normal, median, with {label}"},
+        {"value": f"{position} %", "label": "position, of the distance, median"},
+        {"value": f"{around} px", "label": "reprojection around the marker, median"},
+    ]
+
+
+def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Settings as lines of text."""
+    flat: list[tuple[str, Any]] = []
+    for key, value in summary["settings"].items():
+        flat += [(f"{key}: {k}", v) for k, v in value.items()] if isinstance(value, dict) else [(key, value)]
+    return [(key, _plain(value)) for key, value in flat]
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return number(value, 4)
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def _versions(versions: dict[str, Any]) -> list[tuple[str, str, str]]:
+    validation, rendering = versions["validate"], versions["render"] or {}
+    names = sorted(set(validation) | set(rendering))
+    return [(name, str(validation.get(name, "-")), str(rendering.get(name) or "-")) for name in names]
+
+
+def _checksums(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    return [("dataset_id", summary["dataset"]["dataset_id"]), *((k, str(v)) for k, v in summary["checksums"].items())]

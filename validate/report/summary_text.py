@@ -1,0 +1,160 @@
+"""The report in plain sentences: what was found, how far off, and why."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from roundel.scenes.study.schema import calibration_views
+from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.scores.summary import found_without_pose, is_right, number
+
+Run = dict[str, Any]
+
+
+def intrinsics_in_words(label: str) -> str:
+    """What a kind of intrinsics is, for people."""
+    kind, _, value = label.partition(":")
+    if kind == "true":
+        return "the camera's own intrinsics"
+    if kind == "calibrated":
+        return "intrinsics calibrated from a chessboard"
+    if kind == "exif":
+        return "the focal length of the file's EXIF"
+    if kind == "default":
+        return "the default focal length of a phone" + (" (taken by width)" if value == "width" else "")
+    if kind == "scaled":
+        return "the camera's own focal length" if is_right(label) else f"a focal length of {value} times the true one"
+    return label
+
+
+def main_run(summary: dict[str, Any]) -> Run:
+    """The run that the report leads with: the study's first method, against the truth, with the true focal length."""
+    asked = (summary["settings"].get("solve") or {}).get("methods", [])
+    runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
+
+    def rank(run: Run) -> tuple[int, str, bool]:
+        place = asked.index(run["method"]) if run["method"] in asked else len(asked)
+        return place, run["method"], not is_right(run["intrinsics"])
+
+    return min(runs, key=rank)
+
+
+def _errors(run: Run) -> str:
+    oracle = run["oracle"]
+    return (
+        f"the normal is off by {number(oracle['normal_error_deg']['median'])}\N{DEGREE SIGN}, "
+        f"the centre by {number(oracle['position_error_pct']['median'])} % of its distance, "
+        f"and points drawn around the marker by {number(oracle['reprojection_error_px']['median'])} px"
+    )
+
+
+def sentences(summary: dict[str, Any]) -> list[str]:
+    """The findings of a report, most important first."""
+    data, main = summary["dataset"], main_run(summary)
+    runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
+    circles = "circle" if main["n"] == 1 else "circles"
+    bare = found_without_pose(main)
+    found = [
+        f"Method {main['method']} found {main['solved'] + bare} of {main['n']} {circles} in {data['frames']} frames; "
+        + _false_sentence(main)
+    ]
+    if bare:
+        found.append(_centre_sentence(main, bare))
+    if main["oracle"]["normal_error_deg"]["n"]:
+        found.append(
+            f"With {intrinsics_in_words(main['intrinsics'])}, {_errors(main)}, in the median; in 95 % of frames the "
+            f"normal is within {number(main['oracle']['normal_error_deg']['p95'])}\N{DEGREE SIGN}."
+        )
+    others = [
+        r for r in runs if r["method"] == main["method"] and r is not main and r["oracle"]["normal_error_deg"]["n"]
+    ]
+    wrong = [r for r in others if not is_right(r["intrinsics"])]
+    if wrong:
+        first = next((r for r in wrong if r["intrinsics"].startswith("default")), None)
+        other = first or max(wrong, key=lambda r: r["oracle"]["position_error_pct"]["median"])
+        found.append(
+            f"With {intrinsics_in_words(other['intrinsics'])}, {_errors(other)}. A focal length that is off by a "
+            "factor puts the marker off in distance by that factor; points drawn through the same intrinsics suffer "
+            "less, and the less the farther away the marker is."
+        )
+    if main["solved"]:
+        found.append(_choice_sentence(main))
+    found.extend(_calibration_sentences(summary))
+    return found
+
+
+def _false_sentence(run: Run) -> str:
+    count = run["false_detections"]
+    if not count:
+        return "nothing else was taken for one."
+    return "1 detection is of no marker." if count == 1 else f"{count} detections are of no marker."
+
+
+def _centre_sentence(run: Run, bare: int) -> str:
+    image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
+    whose = "It gives no poses" if not run["solved"] else f"Of {bare} it gave no pose"
+    return (
+        f"{whose}. Its centres are off by {number(image['median'])} px from the image of the circle's centre and by "
+        f"{number(ellipse['median'])} px from the centre of its ellipse, in the median."
+    )
+
+
+def _choice_sentence(run: Run) -> str:
+    head = (
+        "One image of a circle has two poses that explain it equally well. All errors here are those of the better one"
+    )
+    if not run["branch_chosen"]:
+        return f"{head}; none was chosen, since nothing was known to choose by."
+    share = 100 * run["branch_correct"] / run["branch_chosen"]
+    return f"{head}; where one was chosen, in {run['branch_chosen']} frames, it was right in {number(share)} %."
+
+
+def _calibration_sentences(summary: dict[str, Any]) -> list[str]:
+    found = []
+    calibration = summary["calibration"]
+    if calibration is not None and "rms_px" in calibration:
+        text = (
+            f"OpenCV calibrated the camera from {calibration['views']} chessboard views with an RMS of "
+            f"{number(calibration['rms_px'])} px"
+        )
+        if "fx_error_pct" in calibration:
+            text += f"; its focal length is off by {number(abs(calibration['fx_error_pct']))} %"
+        if "projection_mean_px" in calibration:
+            share = calibration["projection_share"]
+            over = "the whole image" if share == 1 else f"the {number(100 * share)} % of the image that it reaches"
+            text += f"; over {over} it projects {number(calibration['projection_mean_px'])} px off in the mean"
+        found.append(text + ".")
+    board = next((r for r in summary["runs"] if r["method"] == CHESSBOARD), None)
+    if board is not None and board["oracle"]["normal_error_deg"]["n"]:
+        found.append(
+            f"The chessboards' own poses, found in {board['solved']} of {board['n']} views, are off by "
+            f"{number(board['oracle']['normal_error_deg']['median'])}\N{DEGREE SIGN} and "
+            f"{number(board['oracle']['position_error_pct']['median'])} % of the distance in the median: as a "
+            "reference the board is no better than that."
+        )
+    return found
+
+
+def commands(summary: dict[str, Any]) -> list[str]:
+    """The commands that make this report again, with names to be replaced in capitals."""
+    runs = [r for r in summary["runs"] if r["method"] != CHESSBOARD]
+    methods = list(dict.fromkeys(r["method"] for r in runs))
+    labels = list(dict.fromkeys(r["intrinsics"] for r in runs))
+    lines = ["roundel render DATASET/study.yaml DATASET"]
+    settings, camera = summary["settings"], ""
+    reference = settings.get("reference_intrinsics") or ""
+    for label in dict.fromkeys(x for x in (*labels, reference) if x.startswith("calibrated:")):
+        camera = shlex.quote(f"{label.partition(':')[2]}.json")
+        views = calibration_views(label)
+        lines.append(f"roundel calibrate DATASET {camera}" + (f" --views {views}" if views else ""))
+    options = "".join(f" --method {shlex.quote(m)}" for m in methods)
+    for label in labels:
+        value = f"{label}.json" if label.startswith("calibrated:") else label
+        options += f" --intrinsics {shlex.quote(value)}"
+    lines.append(f"roundel solve DATASET ESTIMATES{options}")
+    extent = settings["reprojection_extent_D"]
+    option = f" --extent-D {extent:g}" if extent != 3 else ""
+    option += f" --camera {camera}" if reference.startswith("calibrated:") else ""
+    lines.append(f"roundel validate DATASET ESTIMATES --out REPORT{option}")
+    return lines

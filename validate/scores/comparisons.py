@@ -1,0 +1,161 @@
+"""Runs against each other on the same circles, and what a set of this size could have shown."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy import stats
+
+from roundel.validate.scores.run_statistics import BOUNDED, column
+from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, holm, resampled_sums
+from roundel.validate.statistics.paired_tests import detectable_effect
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+Key = tuple[str, str, str]
+
+COMPARED = (
+    "oracle_normal_error_deg",
+    "oracle_position_error_pct",
+    "oracle_reprojection_error_px",
+    "ellipse_centre_error_px",
+)
+ALPHA = 0.05  # of one wrong statement in the whole family of comparisons
+POWER_ALPHA = 0.01
+POWER = 0.95
+POWER_NOTE = (
+    "The relative growth of the RMS error that these frames show in 95 of 100 cases at a level of 1 %, one-sided, if "
+    "the other side's errors have the same spread and are independent. On the same images errors go together, and a "
+    "paired test sees smaller changes."
+)
+
+
+def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
+    """The main run against every other run that was judged by the same reference.
+
+    Parameters
+    ----------
+    tables : dict
+        Rows of scores.parquet by (method, intrinsics, reference).
+    main : (method, intrinsics, reference)
+
+    Returns
+    -------
+    list of dict
+        For each other run and error: `ratio` of its RMS to the main run's over the circles that both solved, with its
+        interval `low`, `high` (bootstrap over frames, of the ratio's logarithm), the two-sided `p_value`, `p_holm`
+        adjusted for the whole list, and `verdict`: `larger`, `smaller` (with certainty), `same` (equal to the last
+        digit) or `undecided`.
+    """
+    out = []
+    for key, table in tables.items():
+        if key == main or key[2] != main[2]:
+            continue
+        ours, theirs = _shared(tables[main], table)
+        for name in COMPARED:
+            found = _compared(ours, theirs, name)
+            if found is not None:
+                label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
+                out.append({**label, "metric": name, **found})
+    adjusted = holm([entry["p_value"] for entry in out]) if out else np.zeros(0)
+    for entry, p in zip(out, adjusted.tolist(), strict=True):
+        entry["p_holm"] = p
+        sure = p < ALPHA and entry["low"] is not None
+        entry["verdict"] = (
+            ("larger" if entry["ratio"] > 1 else "smaller") if sure else "same" if entry["same"] else "undecided"
+        )
+    return out
+
+
+def _shared(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
+    """The rows of the same circles, in one order."""
+    keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
+    where = {key: i for i, key in enumerate(keys[1])}
+    pairs = [(i, where[key]) for i, key in enumerate(keys[0]) if key in where]
+    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return a.take(pa.array(rows[:, 0])), b.take(pa.array(rows[:, 1]))
+
+
+def _by_frame(values: Array, frame: Labels) -> Array:
+    return np.asarray(np.bincount(np.unique(frame, return_inverse=True)[1], values))
+
+
+def _compared(ours: pa.Table, theirs: pa.Table, name: str) -> dict[str, Any] | None:
+    a, b = column(ours, name), column(theirs, name)
+    both = np.isfinite(a) & np.isfinite(b)
+    if not both.any():
+        return None
+    frame = ours["frame_id"].to_numpy()[both]
+    powers = np.stack([_by_frame(v[both] ** 2, frame) for v in (a, b)], axis=1)
+    rms = np.sqrt(powers.sum(axis=0) / int(both.sum()))
+    facts: dict[str, Any] = {
+        "n": int(both.sum()),
+        "frames": len(powers),
+        "main_rms": float(rms[0]),
+        "other_rms": float(rms[1]),
+        "same": bool(np.array_equal(a[both], b[both])),
+    }
+    if rms.min() == 0 or facts["same"]:
+        equal = float(rms[0] == rms[1])
+        return {**facts, "ratio": 1.0 if equal else None, "low": None, "high": None, "p_value": 1.0}
+    effect = math.log(rms[1] / rms[0])
+    facts["ratio"] = math.exp(effect)
+    if len(powers) < MIN_SAMPLES["rms"]:
+        return {**facts, "low": None, "high": None, "p_value": 1.0}
+    draws = resampled_sums(powers)
+    # The log of the ratio is near enough to normal for its spread to be all that is asked of the bootstrap.
+    error = float(np.std(0.5 * np.log(draws[:, 1] / draws[:, 0]), ddof=1))
+    margin = float(stats.norm.ppf((1 + LEVEL) / 2)) * error
+    low, high = (float(f"{math.exp(effect + s * margin):.9g}") for s in (-1, 1))
+    p = 2 * float(stats.norm.sf(abs(effect) / error)) if error > 0 else 0.0
+    return {**facts, "low": low, "high": high, "p_value": float(f"{p:.6g}")}
+
+
+def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
+    """What change of each run's main errors these frames could show (`POWER_NOTE` says under which assumption).
+
+    Returns
+    -------
+    list of dict
+        `change` is a fraction of the RMS, None where there are too few frames; `over_bound` says whether errors were
+        divided by their frame's own bound, as the gate does.
+    """
+    out = []
+    for key, table in tables.items():
+        label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
+        frame = table["frame_id"].to_numpy()
+        for name, error, bound in BOUNDED:
+            value, limit = column(table, error), column(table, bound)
+            known = np.isfinite(value)
+            if not known.any():
+                continue
+            bounded = bool((np.isfinite(limit) & (limit > 0))[known].all())
+            ratio = value[known] / limit[known] if bounded else value[known]
+            out.append(
+                {
+                    **label,
+                    "error": name,
+                    "metric": error,
+                    "over_bound": bounded,
+                    "alpha": POWER_ALPHA,
+                    "power": POWER,
+                    **_detectable(ratio, frame[known]),
+                }
+            )
+    return out
+
+
+def _detectable(values: Array, frame: Labels) -> dict[str, Any]:
+    power, count = _by_frame(values**2, frame), _by_frame(np.ones(len(values)), frame)
+    frames, total = len(power), float(power.sum())
+    if frames < MIN_SAMPLES["rms"] or total == 0:
+        return {"frames": frames, "change": None}
+    # The linearised spread of log RMS between frames; another sqrt 2 for the other side's.
+    residual = power - total / count.sum() * count
+    error = 0.5 * math.sqrt(frames / (frames - 1) * float(np.sum(residual**2))) / total
+    change = math.expm1(detectable_effect(math.sqrt(2) * error, POWER_ALPHA))
+    return {"frames": frames, "change": float(f"{change:.9g}")}

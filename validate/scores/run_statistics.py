@@ -1,0 +1,211 @@
+"""A run in numbers: statistics of its errors with intervals over frames, rates, recall, errors over their bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.validate.metrics.pose_errors import ELLIPSE_METRICS, POSE_METRICS
+from roundel.validate.statistics.intervals import (
+    LEVEL,
+    MIN_SAMPLES,
+    Interval,
+    bootstrap_intervals,
+    rate_interval,
+    resampled_sums,
+)
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+Statistics = dict[str, Any]
+
+# Errors that have a bound: the name of the ratio, the error and its bound.
+BOUNDED = (
+    ("normal", "oracle_normal_error_deg", "normal_bound_deg"),
+    ("position", "oracle_position_error_m", "position_bound_m"),
+    ("ellipse_centre", "ellipse_centre_error_px", "ellipse_centre_bound_px"),
+)
+
+
+@dataclass(frozen=True)
+class Recall:
+    """A family of thresholds: the share of circles whose error is below each.
+
+    BOP's ten of MSSD are fractions of the object's diameter, its ten of MSPD pixels of an image 640 px wide.
+    """
+
+    name: str
+    title: str
+    unit: str
+    thresholds: tuple[float, ...]
+
+
+RECALLS = (
+    Recall("normal", "Normal", "deg", (0.1, 0.5, 1.0, 2.0, 5.0)),
+    Recall("position", "Position", "% of distance", (0.1, 0.5, 1.0, 2.0, 5.0)),
+    Recall("mssd", "MSSD", "diameters", tuple(round(0.05 * i, 2) for i in range(1, 11))),
+    Recall("mspd", "MSPD", "px of an image 640 px wide", tuple(5.0 * i for i in range(1, 11))),
+)
+
+
+def column(table: pa.Table, name: str) -> Array:
+    """A numeric column with NaN for null."""
+    return np.asarray(table[name].to_numpy(), dtype=np.float64)
+
+
+def statistics(values: Array, frame: Labels | None = None) -> Statistics:
+    """Count, mean, median, 95th percentile and RMS of the finite values; the percentile is of magnitudes.
+
+    Parameters
+    ----------
+    values : (n,) array
+    frame : (n,) int array, optional
+        Frame of each value, for intervals over frames: `median_low`, `median_high` and so on, None where there are too
+        few frames, and how they were found in `interval`.
+
+    Examples
+    --------
+    >>> statistics(np.array([1.0, float("nan"), 3.0]))["mean"]
+    2.0
+    """
+    return statistics_of({"": values}, frame)[""]
+
+
+def statistics_of(columns: dict[str, Array], frame: Labels | None = None) -> dict[str, Statistics]:
+    """`statistics` of several columns of the same rows."""
+    out: dict[str, Statistics] = {}
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        some = len(known) > 0
+        out[name] = {
+            "n": len(known),
+            "mean": float(known.mean()) if some else None,
+            "median": float(np.median(known)) if some else None,
+            "p95": float(np.percentile(np.abs(known), 95)) if some else None,
+            "rms": float(np.sqrt((known**2).mean())) if some else None,
+        }
+    if frame is not None and columns:
+        found = bootstrap_intervals(np.stack(list(columns.values()), axis=1), clusters=frame)
+        for name, intervals in zip(columns, found, strict=True):
+            out[name]["interval"] = {"level": LEVEL, "frames": intervals["median"].n}
+            for statistic in MIN_SAMPLES:
+                low, high = _ends(intervals[statistic])
+                out[name] |= {f"{statistic}_low": low, f"{statistic}_high": high}
+                out[name]["interval"][statistic] = intervals[statistic].method
+    return out
+
+
+def _ends(interval: Interval) -> tuple[float | None, float | None]:
+    """Ends as they are stored: the tenth digit of a resampled number depends on how many threads summed it."""
+    low, high = (None if v is None else float(f"{v:.9g}") for v in (interval.low, interval.high))
+    return low, high
+
+
+def rate(success: NDArray[np.bool_], frame: Labels) -> dict[str, Any]:
+    """A rate with Wilson's interval over frames."""
+    found = rate_interval(success, frame)
+    low, high = _ends(found)
+    return {"rate": found.value, "low": low, "high": high, "n": len(success), "frames": found.n}
+
+
+def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
+    """All numbers of one run.
+
+    Parameters
+    ----------
+    part : pyarrow.Table
+        Its rows of scores.parquet.
+    width_px : (n,) array
+        Width of each row's image, for BOP's thresholds.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
+    frame = part["frame_id"].to_numpy()
+    solved = np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
+    correct = np.array(
+        [np.nan if b is None else float(b) for b in part["branch_correct"].to_pylist()], dtype=np.float64
+    )
+    decided = np.isfinite(correct)
+    ratios = {}
+    for name, error, bound in BOUNDED:
+        limit = column(part, bound)
+        ratios[name] = column(part, error) / np.where(limit > 0, limit, np.nan)
+    names = {
+        **{("oracle", name): column(part, f"oracle_{name}") for name in POSE_METRICS},
+        **{("chosen", name): column(part, name) for name in POSE_METRICS},
+        **{("ellipse", name): column(part, name) for name in ELLIPSE_METRICS},
+        **{("efficiency", name): value for name, value in ratios.items()},
+    }
+    found = statistics_of({f"{a} {b}": value for (a, b), value in names.items()}, frame)
+    kinds: dict[str, dict[str, Statistics]] = {"oracle": {}, "chosen": {}, "ellipse": {}, "efficiency": {}}
+    for a, b in names:
+        kinds[a][b] = found[f"{a} {b}"]
+    return {
+        "n": part.num_rows,
+        "detected": int(np.sum(part["detected"].to_numpy(zero_copy_only=False))),
+        "solved": int(solved.sum()),
+        "solved_rate": float(solved.mean()) if len(solved) else None,
+        "solved_interval": rate(solved, frame),
+        "branch_chosen": int(decided.sum()),
+        "branch_correct": int(np.nansum(correct)),
+        "branch_interval": rate(correct[decided] > 0, frame[decided]),
+        **kinds,
+        "recall": recalls(part, width_px),
+    }
+
+
+def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
+    """Recall at thresholds, by the better candidate and by the chosen one.
+
+    A circle that was not found, or of which no candidate was chosen, is a miss. Left out are circles alone that were
+    found and have no reference to be judged by. `chosen` is None where a run never chooses.
+    """
+    judged = ~np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
+    judged |= np.isfinite(column(part, "oracle_normal_error_deg"))
+    chooses = bool(np.isfinite(column(part, "normal_error_deg")).any())
+    frame = part["frame_id"].to_numpy()[judged]
+    diameter = column(part, "distance_m") / column(part, "distance_D")
+    scale = {"mssd": 1 / diameter, "mspd": 640.0 / width_px}
+    out: dict[str, Any] = {}
+    for kind, prefix in (("oracle", "oracle_"), ("chosen", "")):
+        if kind == "chosen" and not chooses:
+            out[kind] = None
+            continue
+        columns = {"normal": "normal_error_deg", "position": "position_error_pct", "mssd": "mssd_m", "mspd": "mspd_px"}
+        families, means = {}, {}
+        for family in RECALLS:
+            error = (column(part, prefix + columns[family.name]) * scale.get(family.name, 1.0))[judged]
+            # NaN is below nothing.
+            hits = error[:, None] < np.array(family.thresholds)
+            means[family.name] = hits.mean(axis=1)
+            families[family.name] = {
+                "title": family.title,
+                "unit": family.unit,
+                "levels": [
+                    {"threshold": t, **rate(hit, frame)} for t, hit in zip(family.thresholds, hits.T, strict=True)
+                ],
+                "average": _average(means[family.name], frame),
+            }
+        # BOP's average is of three errors; its first, VSD, needs depth images.
+        out[kind] = {**families, "average_recall": _average((means["mssd"] + means["mspd"]) / 2, frame)}
+    return out
+
+
+def _average(share: Array, frame: Labels) -> dict[str, Any]:
+    """Mean of a share over circles, with the bootstrap's percentiles over frames."""
+    if not len(share):
+        return {"value": None, "low": None, "high": None, "n": 0}
+    label = np.unique(frame, return_inverse=True)[1]
+    value, count = float(share.mean()), np.bincount(label)
+    if len(count) < MIN_SAMPLES["rms"]:
+        return {"value": value, "low": None, "high": None, "n": len(share)}
+    sums = resampled_sums(np.stack([np.bincount(label, share), count], axis=1))
+    low, high = np.quantile(sums[:, 0] / sums[:, 1], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return {"value": value, "low": float(f"{low:.9g}"), "high": float(f"{high:.9g}"), "n": len(share)}

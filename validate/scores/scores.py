@@ -1,0 +1,383 @@
+"""Scores: one row for every true circle, method, intrinsics and reference, solved or not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera.model import distort_px, project
+from roundel.scenes.errors import NotComparableError
+from roundel.validate.estimates.runs import Run
+from roundel.validate.metrics.bop import mspd_px, mssd_m
+from roundel.validate.metrics.cramer_rao import Bounds, bounds_of
+from roundel.validate.metrics.ground_truth import Targets
+from roundel.validate.metrics.pose_errors import (
+    ELLIPSE_METRICS,
+    POSE_METRICS,
+    contour_error_px,
+    ellipse_centre_offset_px,
+    normal_error_deg,
+    pose_error_bounds,
+    position_errors,
+    reprojection_error_px,
+)
+from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
+from roundel.validate.scores.assignment import Match, groups_of, match
+
+Array = NDArray[np.float64]
+
+KEY = ("frame_id", "marker_id", "method", "intrinsics", "reference")
+
+# The frame's own variables, and what they are called in the truth.
+VARIABLES: dict[str, str] = {
+    **{n: n for n in ("distance_m", "distance_D", "tilt_deg", "azimuth_deg")},
+    "image_x_px": "centre_image_x_px",
+    "image_y_px": "centre_image_y_px",
+    **{n: n for n in ("edge_contrast_dn", "edge_noise_dn", "edge_blur_px")},
+}
+
+# The offset of the ellipse's centre by coordinate: a shift common to all frames shows in its mean.
+SIGNED = ("ellipse_centre_x_error_px", "ellipse_centre_y_error_px")
+BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
+
+SCORES_SCHEMA = pa.schema(
+    [
+        ("frame_id", pa.int64()),
+        ("marker_id", pa.int64()),
+        *[(name, pa.string()) for name in ("method", "intrinsics", "reference", "group", "kind")],
+        *[(name, pa.float64()) for name in VARIABLES],
+        ("sweep_level", pa.float64()),
+        ("sweep_frame", pa.int64()),
+        ("detected", pa.bool_()),
+        ("solved", pa.bool_()),
+        ("reason", pa.string()),
+        *[(name, pa.float64()) for name in POSE_METRICS],
+        *[(f"oracle_{name}", pa.float64()) for name in POSE_METRICS],
+        *[(name, pa.float64()) for name in (*ELLIPSE_METRICS, *SIGNED)],
+        *[(name, pa.float64()) for name in BOUNDS],
+        ("branch_correct", pa.bool_()),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class FalseDetections:
+    """Detections of a run that match no marker."""
+
+    method: str
+    intrinsics: str
+    detections: int
+    count: int
+    frame_ids: list[int]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The table of scores.parquet, and what it cannot hold: detections of nothing, and the matched ellipses themselves.
+
+    `matched[method, intrinsics]` has every circle that was to be found, and its candidates, row by row.
+    """
+
+    table: pa.Table
+    false_detections: list[FalseDetections] = field(default_factory=list)
+    matched: dict[tuple[str, str], tuple[Targets, Candidates]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Up to two poses a target: (N, 2, ...) arrays; `has` says which exist. `camera` indexes `cameras`.
+
+    `found` says which were detected, with a pose or without; `centre_px` is where the image of the centre is. None: all
+    that were detected have poses.
+    """
+
+    has: NDArray[np.bool_]
+    chosen: NDArray[np.bool_]
+    normal: Array
+    centre_m: Array
+    ellipse: Array
+    camera: NDArray[np.int64]
+    cameras: list[Any]
+    found: NDArray[np.bool_] | None = None
+    centre_px: Array | None = None
+
+    def detected(self) -> NDArray[np.bool_]:
+        """(N, 2) array: which were detected."""
+        return self.has if self.found is None else self.found
+
+
+def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | None = None) -> Scores:
+    """Score runs against the truth, and against the chessboard where there is one.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        For its study: which groups were to be solved.
+    targets : Targets
+        Every true circle.
+    runs : list of Run
+    board : Targets, optional
+        As `targets`, row by row, placed by the chessboard; rows of frames without a board are left out by marker_id and
+        frame_id.
+
+    Raises
+    ------
+    NotComparableError
+        If there is no circle to score.
+    """
+    tables, false, matched = [], [], {}
+    every = bounds_of(dataset, targets)
+    for run in runs:
+        expected = np.flatnonzero(_expected(dataset, targets, run))
+        mine, bounds = targets.take(expected), every.take(expected)
+        found = match(mine, run)
+        candidates = matched_candidates(found, run)
+        matched[run.method, run.intrinsics] = mine, candidates
+        tables.append(score_rows(mine, candidates, found.reason, run.method, run.intrinsics, "truth", bounds))
+        if board is not None:
+            rows = _same_markers(mine, board)
+            if len(rows):
+                placed = board.take(_same_markers(board, mine))
+                reason = [found.reason[i] for i in rows.tolist()]
+                tables.append(
+                    score_rows(
+                        placed, candidates_take(candidates, rows), reason, run.method, run.intrinsics, "chessboard"
+                    )
+                )
+        false.append(
+            FalseDetections(
+                run.method,
+                run.intrinsics,
+                found.detections,
+                sum(found.false_detections.values()),
+                sorted(found.false_detections),
+            )
+        )
+    tables = [table for table in tables if table.num_rows]
+    if not tables:
+        raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
+    return Scores(sorted_scores(pa.concat_tables(tables)), false, matched)
+
+
+def sorted_scores(table: pa.Table) -> pa.Table:
+    """Rows in the order of the key, in one chunk: the same bytes for the same scores."""
+    return table.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
+
+
+def _expected(dataset: Dataset, targets: Targets, run: Run) -> NDArray[np.bool_]:
+    """Circles that the run should have found: those of the groups that the study solves, and of any group it touched.
+
+    A frame of such a group without a row counts as not solved: leaving hard frames out must not pay.
+    """
+    group = np.array(targets.truth["group"].to_pylist(), dtype=object)
+    solve = dataset.study.get("solve") or {}
+    asked = solve.get("groups")
+    if not asked:
+        return np.ones(len(group), dtype=bool)
+    of_frame = dict(zip(dataset.images.frame_ids, dataset.images.groups, strict=True))
+    touched = {of_frame[f] for f in np.unique(run.frame_id).tolist()}
+    return np.isin(group, sorted(touched | set(asked)))
+
+
+def _same_markers(a: Targets, b: Targets) -> NDArray[np.int64]:
+    """Positions in `a` of the circles that are also in `b`; both are sorted by frame and marker."""
+    known = set(zip(b.frame_id.tolist(), b.marker_id.tolist(), strict=True))
+    keys = zip(a.frame_id.tolist(), a.marker_id.tolist(), strict=True)
+    return np.array([i for i, key in enumerate(keys) if key in known], dtype=np.int64)
+
+
+def matched_candidates(found: Match, run: Run) -> Candidates:
+    """The matched rows of a run, target by target."""
+    rows = found.rows
+    there = rows >= 0
+    # Row 0 stands in where there is none; `there` and `has` keep it out of every number.
+    safe = np.where(there, rows, 0)
+    has = there & run.posed[safe]
+    return Candidates(
+        has,
+        there & run.chosen[safe],
+        np.where(has[..., None], run.normal[safe], np.nan),
+        np.where(has[..., None], run.centre_m[safe], np.nan),
+        np.where(there[..., None], run.ellipse[safe], np.nan),
+        np.where(there, run.camera[safe], -1),
+        run.cameras,
+        there,
+        np.where(there[..., None], run.centre_px[safe], np.nan),
+    )
+
+
+def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidates:
+    """Some of the rows."""
+    c = candidates
+    return Candidates(
+        c.has[rows],
+        c.chosen[rows],
+        c.normal[rows],
+        c.centre_m[rows],
+        c.ellipse[rows],
+        c.camera[rows],
+        c.cameras,
+        None if c.found is None else c.found[rows],
+        None if c.centre_px is None else c.centre_px[rows],
+    )
+
+
+def score_rows(
+    targets: Targets,
+    candidates: Candidates,
+    reason: list[str],
+    method: str,
+    intrinsics: str,
+    reference: str,
+    bounds: Bounds | None = None,
+) -> pa.Table:
+    """Rows of scores.parquet of one run against one reference.
+
+    The oracle is the candidate with the smaller normal error, for every metric. Where nothing was chosen, the chosen
+    metrics and `branch_correct` are null: without knowledge that is the honest answer.
+    """
+    n, columns = len(targets), np.arange(len(targets))
+    solved = candidates.has.any(axis=1)
+    placed = targets.placed
+    values = _pose_metrics(targets, candidates, placed, bounds)
+    # A detection without a pose is still before nothing.
+    nothing = np.where(candidates.detected(), 1e9, np.inf)
+    error = np.where(np.isnan(values["normal_error_deg"]), nothing, values["normal_error_deg"])
+    oracle = np.argmin(error, axis=1)
+    chosen = np.argmax(candidates.chosen, axis=1)
+    values |= _symmetric_metrics(targets, candidates, candidates.chosen | (np.arange(2) == oracle[:, None]))
+    is_chosen = candidates.chosen.any(axis=1) & placed
+    single = candidates.has.sum(axis=1) == 1
+    # A lone candidate is right when it is nearer to the true normal than to the second solution's.
+    nearer = normal_error_deg(candidates.normal[columns, chosen], targets.camera_from_marker[:, :3, 2]) <= (
+        normal_error_deg(candidates.normal[columns, chosen], targets.other_normal)
+    )
+    correct = np.where(single, nearer, chosen == oracle)
+    ellipse = _ellipse_metrics(targets, candidates)
+    bare_rows = np.asarray(candidates.detected().any(axis=1) & ~solved)
+    lost = "" if reference == "truth" else "no reference: the chessboard was not found"
+    truth = targets.truth
+    data: dict[str, Any] = {
+        "frame_id": targets.frame_id,
+        "marker_id": targets.marker_id,
+        "method": [method] * n,
+        "intrinsics": [intrinsics] * n,
+        "reference": [reference] * n,
+        "group": truth["group"].to_pylist(),
+        "kind": truth["kind"].to_pylist(),
+        **{name: truth[source].combine_chunks() for name, source in VARIABLES.items()},
+        **{name: truth[name].combine_chunks() for name in SWEEP},
+        "detected": candidates.detected().any(axis=1),
+        "solved": solved,
+        "reason": [
+            why or (lost if not there else "found, but without a pose" if bare else "")
+            for why, there, bare in zip(reason, placed, bare_rows, strict=True)
+        ],
+        **{name: _nullable(np.where(is_chosen, v[columns, chosen], np.nan)) for name, v in values.items()},
+        **{f"oracle_{name}": _nullable(v[columns, oracle]) for name, v in values.items()},
+        **{name: _nullable(v) for name, v in ellipse.items()},
+        **{name: _nullable(v) for name, v in zip(BOUNDS, _bounds(bounds, n), strict=True)},
+        "branch_correct": pa.array(
+            correct, mask=~is_chosen | ~solved | (single & np.isnan(targets.other_normal[:, 0]))
+        ),
+    }
+    return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
+
+
+def _bounds(bounds: Bounds | None, n: int) -> tuple[Array, Array, Array]:
+    """Columns of `BOUNDS`; a chessboard's pose is no circle's, and has none."""
+    if bounds is None:
+        nothing = np.full(n, np.nan)
+        return nothing, nothing, nothing
+    return bounds.normal_deg, bounds.position_m, bounds.ellipse_centre_px
+
+
+def _nullable(values: Array) -> pa.Array:
+    return pa.array(values, mask=~np.isfinite(values), type=pa.float64())
+
+
+def _pose_metrics(
+    targets: Targets, candidates: Candidates, placed: NDArray[np.bool_], bounds: Bounds | None
+) -> dict[str, Array]:
+    pose = targets.camera_from_marker
+    normal = normal_error_deg(candidates.normal, pose[:, None, :3, 2])
+    position = position_errors(candidates.centre_m, pose[:, None, :3, 3], targets.diameter_m[:, None])
+    information = np.full((len(targets), 5, 5), np.nan) if bounds is None else bounds.information
+    reprojection = np.full(candidates.has.shape, np.nan)
+    row, which = np.nonzero(candidates.has & placed[:, None])
+    for index, where in groups_of(targets.camera[row]):
+        for used, part in groups_of(candidates.camera[row[where], which[where]]):
+            i, k = row[where[part]], which[where[part]]
+            reprojection[i, k] = reprojection_error_px(
+                pose[i],
+                targets.cameras[index],
+                candidates.normal[i, k],
+                candidates.centre_m[i, k],
+                candidates.cameras[used],
+                targets.extent_m[i],
+            )
+    centre = np.full(candidates.has.shape, np.nan)
+    row, which = np.nonzero(candidates.detected() & placed[:, None])
+    for index, where in groups_of(targets.camera[row]):
+        for used, part in groups_of(candidates.camera[row[where], which[where]]):
+            i, k = row[where[part]], which[where[part]]
+            image = project(candidates.cameras[used], candidates.centre_m[i, k])
+            if candidates.centre_px is not None:
+                image = np.where(candidates.has[i, k][:, None], image, candidates.centre_px[i, k])
+            centre[i, k] = np.linalg.norm(image - project(targets.cameras[index], pose[i, :3, 3]), axis=-1)
+    return {
+        "normal_error_deg": normal,
+        "position_error_m": position.absolute_m,
+        "position_error_D": position.in_D,
+        "position_error_pct": position.percent,
+        "along_ray_m": position.along_ray_m,
+        "across_ray_m": position.across_ray_m,
+        "reprojection_error_px": reprojection,
+        "centre_image_error_px": centre,
+        "pose_error_bounds": pose_error_bounds(
+            pose[:, None], candidates.normal, candidates.centre_m, information[:, None]
+        ),
+    }
+
+
+def _symmetric_metrics(targets: Targets, candidates: Candidates, wanted: NDArray[np.bool_]) -> dict[str, Array]:
+    """BOP's two, of the candidates that are wanted: the best turn of each is sought, which takes its time."""
+    space, image = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
+    circle = targets.placed & np.isfinite(targets.diameter_m)
+    row, which = np.nonzero(wanted & candidates.has & circle[:, None])
+    for index, where in groups_of(targets.camera[row]):
+        i, k = row[where], which[where]
+        estimate = candidates.normal[i, k], candidates.centre_m[i, k], targets.diameter_m[i] / 2
+        space[i, k] = mssd_m(targets.camera_from_marker[i], *estimate)
+        image[i, k] = mspd_px(targets.camera_from_marker[i], targets.cameras[index], *estimate)
+    return {"mssd_m": space, "mspd_px": image}
+
+
+def _ellipse_metrics(targets: Targets, candidates: Candidates) -> dict[str, Array]:
+    """Both candidates have the same ellipse: that of the first that exists counts."""
+    n, first = len(targets), np.argmax(candidates.detected(), axis=1)
+    offset, contour = np.full((n, 2), np.nan), np.full(n, np.nan)
+    every, detected = np.arange(n), candidates.detected().any(axis=1)
+    outlined = detected & np.isfinite(candidates.ellipse[every, first]).all(axis=1)
+    if candidates.centre_px is not None:
+        # A centre alone is held against that of the ellipse, too: many take the one for the other.
+        point = candidates.centre_px[every, first]
+        for index, i in groups_of(np.where(detected & ~outlined, targets.camera, -1)):
+            if index >= 0:
+                offset[i] = point[i] - distort_px(targets.cameras[index], targets.ellipse[i, :2])
+    rows = np.flatnonzero(outlined)
+    for index, where in groups_of(targets.camera[rows]):
+        for used, part in groups_of(candidates.camera[rows[where], first[rows[where]]]):
+            i = rows[where[part]]
+            ellipse, camera = candidates.ellipse[i, first[i]], candidates.cameras[used]
+            offset[i] = ellipse_centre_offset_px(targets.ellipse[i], targets.cameras[index], ellipse, camera)
+            for chunk in np.array_split(np.arange(len(i)), max(1, len(i) // 8192)):
+                contour[i[chunk]] = contour_error_px(targets.contour_px[i[chunk]], ellipse[chunk], camera)
+    centre = np.linalg.norm(offset, axis=-1)
+    signed = dict(zip(SIGNED, offset.T, strict=True))
+    return {"ellipse_centre_error_px": centre, "contour_error_px": contour, **signed}

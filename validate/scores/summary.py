@@ -1,0 +1,299 @@
+"""summary.json: the scores in a few numbers, by method, intrinsics and reference, and by cell of the study's grid."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from roundel.datasets.dataset import Dataset
+from roundel.validate.metrics.pose_errors import METRIC_VERSION, METRICS
+from roundel.validate.metrics.sweeps import sweep_keys
+from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
+from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
+from roundel.validate.scores.run_statistics import column, run_statistics, statistics_of
+from roundel.validate.scores.scores import Scores
+
+Array = NDArray[np.float64]
+
+SCHEMA = 1
+
+# A study has a grid where few values recur often; more than this and it is a draw.
+_MAX_LEVELS = 60
+
+# The method under which the chessboard's own pose is scored (`validate.reference`).
+CHESSBOARD = "chessboard_pnp"
+
+# What the cells of the grid keep: the paper's three errors.
+CELL_METRICS = ("normal_error_deg", "position_error_D", "position_error_pct", "reprojection_error_px")
+
+
+def intrinsics_rank(label: str) -> tuple[int, float, str]:
+    """Order in which intrinsics are shown: the best known first."""
+    kinds = ("true", "calibrated", "exif", "default", "scaled")
+    kind, _, value = label.partition(":")
+    number = float(value) if value.replace(".", "", 1).isdigit() else 0.0
+    # Of calibrations the one from most views first.
+    number = -number if kind == "calibrated" else number
+    return (kinds.index(kind) if kind in kinds else len(kinds), number, label)
+
+
+def is_right(intrinsics: str) -> bool:
+    """Whether a label promises the camera's own focal length."""
+    kind = intrinsics.partition(":")[0]
+    return kind in ("true", "calibrated") or (kind == "scaled" and intrinsics_rank(intrinsics)[1] == 1.0)
+
+
+def _texts(table: pa.Table, name: str) -> NDArray[Any]:
+    return np.array(table[name].to_pylist(), dtype=object)
+
+
+def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
+    """(method, intrinsics, reference) of a table of scores, in the order in which they are shown."""
+    found = set(zip(*(table[name].to_pylist() for name in ("method", "intrinsics", "reference")), strict=True))
+    # The truth first; the chessboard's own pose last.
+    return sorted(found, key=lambda k: (k[0] == "chessboard_pnp", k[2] != "truth", k[0], intrinsics_rank(k[1])))
+
+
+def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
+    """Rows of one run."""
+    names = ("method", "intrinsics", "reference")
+    return np.asarray(np.all([_texts(table, n) == v for n, v in zip(names, key, strict=True)], axis=0))
+
+
+def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
+    """The run that a report leads with: the study's first method, against the truth, with the true focal length."""
+    mine = [key for key in keys if key[2] == "truth" and key[0] != CHESSBOARD]
+
+    def place(key: tuple[str, str, str]) -> tuple[int, str, bool]:
+        return methods.index(key[0]) if key[0] in methods else len(methods), key[0], not is_right(key[1])
+
+    return min(mine, key=place, default=None)
+
+
+def levels(values: Array) -> Array | None:
+    """The distinct values, where they are those of a grid; None where they were drawn."""
+    known = np.round(values[np.isfinite(values)], 6)
+    distinct = np.unique(known)
+    grid = 0 < len(distinct) <= _MAX_LEVELS and len(known) >= 2 * len(distinct)
+    return distinct if grid else None
+
+
+def grid_of(table: pa.Table, rows: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+    """(distances in D, tilts in degrees) where these rows stand on a grid."""
+    # Each circle once: several intrinsics of one draw are no grid.
+    _, first = np.unique(
+        np.stack([column(table, n)[rows] for n in ("frame_id", "marker_id")]), axis=1, return_index=True
+    )
+    distance, tilt = (levels(column(table, name)[rows][first]) for name in ("distance_D", "tilt_deg"))
+    return None if distance is None or tilt is None else (distance, tilt)
+
+
+def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray[np.bool_]) -> list[dict[str, Any]]:
+    grid = grid_of(table, rows)
+    if grid is None:
+        return []
+    distance, tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6)
+    solved = np.array(table["solved"].to_pylist(), dtype=bool)
+    frame, cells = table["frame_id"].to_numpy(), []
+    for t in grid[1].tolist():
+        for d in grid[0].tolist():
+            here = rows & (distance == d) & (tilt == t)
+            if here.any():
+                cells.append(
+                    {
+                        "method": key[0],
+                        "intrinsics": key[1],
+                        "reference": key[2],
+                        "group": group,
+                        "distance_D": d,
+                        "tilt_deg": t,
+                        "n": int(here.sum()),
+                        "solved": int((here & solved).sum()),
+                        "oracle": statistics_of(
+                            {n: column(table, f"oracle_{n}")[here] for n in CELL_METRICS}, frame[here]
+                        ),
+                    }
+                )
+    return cells
+
+
+def summarise(
+    dataset: Dataset, scores: Scores, settings: dict[str, Any], calibration: dict[str, Any] | None
+) -> dict[str, Any]:
+    """All that summary.json holds but the checksums.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    scores : Scores
+    settings : dict
+        What the validator was asked.
+    calibration : dict or None
+        From `calibration_summary`.
+
+    Returns
+    -------
+    dict
+        Plain values, finite numbers or None; the same for the same input, whenever it is made.
+    """
+    table = scores.table
+    group = _texts(table, "group")
+    width = image_widths(dataset, table)
+    tables: dict[tuple[str, str, str], pa.Table] = {}
+    runs, by_group, cells, failures = [], [], [], []
+    for key in run_keys(table):
+        rows = select(table, key)
+        label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
+        tables[key] = table.filter(pa.array(rows))
+        runs.append({**label, **run_statistics(tables[key], width[rows]), **_false(scores, key)})
+        names = list(dict.fromkeys(group[rows].tolist()))
+        for name in names:
+            if len(names) > 1:
+                here = rows & (group == name)
+                by_group.append({**label, "group": name, **run_statistics(table.filter(pa.array(here)), width[here])})
+            cells.extend(_cells(table, key, name, rows & (group == name)))
+        missed = table.filter(pa.array(rows & (_texts(table, "reason") != "")))
+        for reason, count in sorted(Counter(map(_kind_of_reason, missed["reason"].to_pylist())).items()):
+            failures.append({**label, "reason": reason, "count": count})
+    manifest = dataset.manifest
+    main = main_key(list(tables), (dataset.study.get("solve") or {}).get("methods") or [])
+    return {
+        "schema": SCHEMA,
+        "metric_version": METRIC_VERSION,
+        "dataset": {
+            "dataset_id": manifest["dataset_id"],
+            "name": dataset.study.get("name"),
+            "seed": dataset.study.get("seed"),
+            "frames": len(dataset),
+            "circles": int(sum(r is not None for r in dataset.truth["radius_m"].to_pylist())),
+            "groups": dict(Counter(dataset.images.groups)),
+            "sweeps": sweep_keys(dataset),
+            "fidelity": _fidelity(manifest.get("fidelity")),
+        },
+        "settings": {"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
+        "runs": runs,
+        "groups": by_group,
+        "cells": cells,
+        "failures": failures,
+        "comparisons": comparisons(tables, main) if main else [],
+        "power": power_of(tables),
+        "power_note": POWER_NOTE,
+        "calibration": calibration,
+        "metrics": [vars(metric) for metric in METRICS],
+        "versions": {"validate": versions(), "render": manifest.get("versions")},
+    }
+
+
+def image_widths(dataset: Dataset, table: pa.Table) -> Array:
+    """Width of each row's image, px."""
+    width = {int(r["frame_id"]): float(r["width_px"]) for r in dataset.images.records}
+    return np.array([width[f] for f in table["frame_id"].to_pylist()], dtype=np.float64)
+
+
+_FIDELITY = {"shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", "z_rms", "z_passed", "z_consistent"}
+
+
+def _fidelity(measured: dict[str, Any] | None) -> dict[str, Any] | None:
+    """What a manifest says of its images; of an older version, which measured otherwise, only that."""
+    if not (measured or {}).get("circles"):
+        return measured
+    assert measured is not None
+    if all(set(part) >= _FIDELITY for part in (measured, *measured.get("by_effect", {}).values())):
+        return measured
+    return {"circles": 0, "reason": "measured otherwise by an older version; render it again"}
+
+
+def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
+    """Detections of nothing; they belong to the image, so they stand beside the truth alone."""
+    for false in scores.false_detections:
+        if (false.method, false.intrinsics, "truth") == key:
+            return {"detections": false.detections, "false_detections": false.count}
+    return {"detections": None, "false_detections": None}
+
+
+def _kind_of_reason(reason: str) -> str:
+    """A reason without its numbers, so that like reasons are counted together."""
+    head, comma, _ = reason.partition(", ")
+    return "a detection, but too far from the contour" if comma and "detection" in head else reason
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers of a report rest on."""
+    import cv2
+    import matplotlib
+    import scipy
+
+    try:
+        roundel = importlib.metadata.version("roundel")
+    except importlib.metadata.PackageNotFoundError:
+        roundel = "not installed"
+    return {
+        "roundel": roundel,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "pyarrow": pa.__version__,
+        "opencv": cv2.__version__,
+        "matplotlib": matplotlib.__version__,
+    }
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number for people: `digits` significant ones, a dash for none."""
+    if value is None or not np.isfinite(value):
+        return "-"
+    if value == 0:
+        return "0"
+    places = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:,.{places}f}" if abs(value) >= 1e-4 else f"{value:.1e}"
+
+
+_HEAD = ("method", "intrinsics", "reference", "solved", "normal deg", "position %", "reproj px", "false")
+_SHOWN = ("normal_error_deg", "position_error_pct", "reprojection_error_px")
+
+
+def terminal_table(summary: dict[str, Any]) -> str:
+    """The table that the command prints: median and 95th percentile of the oracle's errors."""
+    lines = [_HEAD]
+    for run in summary["runs"]:
+        pairs = [f"{number(s['median'])} / {number(s['p95'])}" for s in (run["oracle"][name] for name in _SHOWN)]
+        solved, false = f"{run['solved']}/{run['n']}", run["false_detections"]
+        ends = (solved, *pairs, "" if false is None else str(false))
+        lines.append((run["method"], run["intrinsics"], run["reference"], *ends))
+    widths = [max(len(line[i]) for line in lines) for i in range(len(_HEAD))]
+
+    def aligned(line: tuple[str, ...]) -> str:
+        cells = (c.ljust(w) if i < 3 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
+        return "  ".join(cells).rstrip()
+
+    extent = summary["settings"]["reprojection_extent_D"]
+    note = (
+        f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent:g} D"
+    )
+    return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
+
+
+def found_without_pose(run: dict[str, Any]) -> int:
+    """How many circles a run found and gave no pose of: all of them, if it gives centres alone."""
+    return max(int(run.get("detected", 0)) - int(run["solved"]), 0)
+
+
+def _without_poses(summary: dict[str, Any]) -> list[str]:
+    """A line for each run that found circles and no pose: how far off its centres are."""
+    out = []
+    for run in summary["runs"]:
+        bare = found_without_pose(run)
+        if bare > 0:
+            image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
+            out.append(
+                f"{run['method']}, {run['intrinsics']}: {bare} of {run['n']} found without a pose; centres off by "
+                f"{number(image['median'])} / {number(image['p95'])} px from the image of the circle's, "
+                f"{number(ellipse['median'])} / {number(ellipse['p95'])} px from the ellipse's"
+            )
+    return out

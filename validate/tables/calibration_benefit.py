@@ -1,0 +1,41 @@
+"""What calibration is worth, as a table: every kind of intrinsics on the axis and off it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from roundel.validate.tables.table import Cell, Column, Table
+
+_PARTS = {"on_axis": "on the axis", "off_axis": "off the axis"}
+_TITLES = {
+    "normal": ("Normal", "deg"),
+    "position": ("Position", "% of distance"),
+    "reprojection": ("Reprojection", "px"),
+}
+
+
+def worth_table(record: dict[str, Any] | None) -> Table:
+    """A row a part of the image and a kind of intrinsics, from summary["worth"]; no rows where there is none."""
+    rows: dict[tuple[str, str], list[Cell]] = {}
+    columns = [Column("frames", "Circles"), Column("intrinsics", "Intrinsics")]
+    for i, (error, (title, unit)) in enumerate(_TITLES.items()):
+        for key, role in (("median", ""), ("low", "low"), ("high", "high")):
+            columns.append(Column(f"{error}_{key}", title, unit, role))
+        columns.append(Column(f"{error}_gain", "Gain", "1"))
+        columns += [Column(f"{error}_gain_{end}", "Gain", "1", end) for end in ("low", "high")]
+        for entry in (record or {}).get("overall", []):
+            if entry["error"] == error:
+                part, label = _PARTS[entry["part"]], entry["intrinsics"]
+                gain = entry["gain"] or {}
+                row = rows.setdefault((part, label), [part, label] + [None] * (6 * i))
+                row += [entry["value"], entry["low"], entry["high"], *(gain.get(k) for k in ("value", "low", "high"))]
+    record = record or {"calibrated": "", "on_axis_deg": 0.0}
+    note = (
+        "Median error of the better candidate, in brackets its 95 % interval, over what was solved. Gain: that median "
+        f"over the one with {record['calibrated']}, circles drawn in pairs. On the axis: the circle's centre within "
+        f"{record['on_axis_deg']:g} deg of it. Camera frame; reprojection in the delivered image, a 3x3 grid around "
+        "the circle. chessboard: the circle as the board beside it places it, by solvePnP."
+    )
+    return Table(
+        "worth", "Every kind of intrinsics on the same circles", tuple(columns), tuple(map(tuple, rows.values())), note
+    )

@@ -1,0 +1,288 @@
+"""The tables of a report, from its summary: the page shows them, and files carry them on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from roundel.datasets.fidelity.summary import fidelity_lines
+from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.scores.summary import found_without_pose
+from roundel.validate.tables.calibration import calibration_tables
+from roundel.validate.tables.calibration_benefit import worth_table
+from roundel.validate.tables.statistics import statistics_tables
+from roundel.validate.tables.table import Cell, Column, Table
+
+Run = dict[str, Any]
+
+NAMES = (
+    "worth", "verdicts", "results", "centres", "chosen", "groups", "failures", "comparisons", "solved_by_one",
+    "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
+    "against_chessboard",
+)  # fmt: skip
+
+_FRAME = (
+    "Camera frame (x right, y down, z forward), pixels of the delivered image with (0, 0) at the centre of the "
+    "top-left one. D: outer diameter. Along the ray: positive is too far."
+)
+_STATISTIC = "Median, in brackets its 95 % interval, after the slash the 95th percentile, over what was solved."
+_ORACLE = "Oracle: of the two candidate poses the one whose normal is nearer to the true one, for every column."
+
+# What a table of runs shows: key in the statistics, title, unit, factor, sign.
+_ERRORS = (
+    ("normal_error_deg", "normal_error_deg", "Normal", "deg", 1.0, False),
+    ("position_error_pct", "position_error_pct", "Position", "% of distance", 1.0, False),
+    ("position_error_D", "position_error_D", "Position", "D", 1.0, False),
+    ("along_ray_m", "along_ray_mm", "Along ray", "mm", 1000.0, True),
+    ("reprojection_error_px", "reprojection_error_px", "Reprojection", "px", 1.0, False),
+)
+_CONTOUR = ("contour_error_px", "contour_error_px", "Contour", "px", 1.0, False)
+_CENTRES = (
+    ("oracle", ("centre_image_error_px", "centre_image_error_px", "To the circle's", "px", 1.0, False)),
+    ("ellipse", ("ellipse_centre_error_px", "ellipse_centre_error_px", "To the ellipse's", "px", 1.0, False)),
+)
+
+
+def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
+    """Every table of a report that has something to say, by name."""
+    runs = summary["runs"]
+    grid = _grid(summary)
+    mine = [r for r in runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
+    note = f"{_STATISTIC} {_ORACLE} {_FRAME} {grid}"
+    board_note = (
+        f"{_STATISTIC} The board's pose by solvePnP; a board has no diameter. {_FRAME} Reprojection: a 3x3 grid of "
+        "half the board's longer side."
+    )
+    against = (
+        f"{_STATISTIC} The reference is the pose that solvePnP gives the board, carried to the circle by the sheet's "
+        f"drawing; the candidate whose normal is nearer to the reference's. {_FRAME} {grid}"
+    )
+    chosen_note = (
+        f"{_STATISTIC} The candidate that the solver chose; circles without a choice are left out. {_FRAME} {grid}"
+    )
+    groups = [g for g in summary["groups"] if g["reference"] == "truth" and g["method"] != CHESSBOARD]
+    found = [
+        worth_table(summary.get("worth")),
+        verdict_table(summary.get("verdicts") or []),
+        result_table(mine, summary),
+        centre_table(mine),
+        run_table("chosen", "Errors of the chosen candidate", [r for r in mine if r["branch_chosen"]], "chosen",
+                  chosen_note),
+        run_table("groups", "Errors by group", groups, "oracle", note),
+        failure_table(summary),
+        *statistics_tables(summary, mine),
+        cell_table(summary["cells"]),
+        *calibration_tables(summary),
+        run_table("boards", "The boards' own poses against the truth",
+                  [r for r in runs if r["method"] == CHESSBOARD], "oracle", board_note),
+        run_table("against_chessboard", "Estimates against the chessboard beside the marker",
+                  [r for r in runs if r["reference"] == "chessboard"], "oracle", against),
+    ]  # fmt: skip
+    return {table.name: table for table in found if table.rows}
+
+
+def _grid(summary: dict[str, Any]) -> str:
+    extent = f"{summary['settings']['reprojection_extent_D']:g}"
+    return f"Reprojection: mean of a 3x3 grid of \N{PLUS-MINUS SIGN}{extent} D around the marker."
+
+
+def result_table(runs: Sequence[Run], summary: dict[str, Any], first: Sequence[str] = ()) -> Table:
+    """Runs against the truth, of one report or of several whose settings are those of `summary`."""
+    note = f"{_STATISTIC} {_ORACLE} {_FRAME} {_grid(summary)}"
+    return run_table("results", "Errors of the better candidate", runs, "oracle", note, first)
+
+
+def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str, first: Sequence[str] = ()) -> Table:
+    """Runs and their errors; `first` names keys of the runs that stand before the method."""
+    names = [*first] + ["method", "intrinsics"] + ["group"] * any("group" in r for r in runs)
+    errors = [_errors(runs, "ellipse" if e is _CONTOUR else which, e) for e in (*_ERRORS, _CONTOUR)]
+    # A page is not wide enough for everything: diameters are for files.
+    errors = [
+        ([replace(c, role="file") for c in more] if more and "_D" in more[0].key else more, cells)
+        for more, cells in errors
+    ]
+    columns: list[Column] = [Column(n, n.capitalize()) for n in names]
+    columns += [
+        Column("solved", "Solved"),
+        Column("circles", "", role="of"),
+        Column("solved_low_pct", "", "%", "low"),
+        Column("solved_high_pct", "", "%", "high"),
+    ]
+    rows: list[list[Cell]] = [
+        [*(r[n] for n in names), r["solved"], r["n"], _percent(r, "low"), _percent(r, "high")] for r in runs
+    ]
+    for more, cells in errors:
+        if not more or (more[0].title == "Contour" and which == "chosen"):
+            continue
+        columns += more
+        for row, cell in zip(rows, cells, strict=True):
+            row += cell
+    if which == "oracle" and any(r.get("false_detections") is not None for r in runs):
+        columns += [Column("false_detections", "False", "count")]
+        for row, run in zip(rows, runs, strict=True):
+            row.append(run.get("false_detections"))
+    if which == "chosen":
+        columns += [Column("branch_correct", "Right", "of chosen"), Column("branch_chosen", "", role="of")]
+        for row, run in zip(rows, runs, strict=True):
+            row += [run["branch_correct"], run["branch_chosen"]]
+    if any(c.key == "false_detections" for c in columns):
+        note += " False: detections of no marker."
+    return Table(name, title, tuple(columns), tuple(map(tuple, rows)), note)
+
+
+def centre_table(runs: Sequence[Run]) -> Table:
+    """How far centres are off, of all runs, where one of them found circles and gave no pose."""
+    columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("found", "Found"),
+               Column("circles", "", role="of")]  # fmt: skip
+    rows: list[list[Cell]] = [[r["method"], r["intrinsics"], r.get("detected"), r["n"]] for r in runs]
+    for which, error in _CENTRES:
+        more, cells = _errors(runs, which, error)
+        columns += more
+        for row, cell in zip(rows, cells or [[]] * len(rows), strict=True):  # no run has this error: no columns
+            row += cell
+    note = (
+        f"{_STATISTIC.replace('solved', 'found')} To the image of the circle's centre, and to the centre of its "
+        "ellipse, which perspective moves away from it: a method that gives the one is judged by that column. "
+        "Delivered image."
+    )
+    shown = tuple(map(tuple, rows)) if any(map(found_without_pose, runs)) else ()
+    return Table("centres", "Centres, of methods with and without a pose", tuple(columns), shown, note)
+
+
+def _percent(run: Run, end: str) -> float | None:
+    value = (run.get("solved_interval") or {}).get(end)
+    return None if value is None else 100 * value
+
+
+def _errors(runs: Sequence[Run], which: str, error: tuple[Any, ...]) -> tuple[list[Column], list[list[Cell]]]:
+    """Columns and cells of one error; none if no run has it."""
+    source, key, title, unit, factor, sign = error
+    found = [run[which].get(source) or {"n": 0} for run in runs]
+    if not any(s["n"] for s in found):
+        return [], []
+    # The sign of an error along the ray is what its 95th percentile, of magnitudes, would hide.
+    kinds = [("median", ""), ("median_low", "low"), ("median_high", "high"), ("p95", "file" if sign else "tail")]
+    kinds += [(name, "file") for name in ("p95_low", "p95_high", "rms", "rms_low", "rms_high", "n")]
+    kinds = [k for k in kinds if any(s.get(k[0]) is not None for s in found)]
+    columns = [Column(f"{key}_{name}", title, unit, role, sign) for name, role in kinds]
+
+    def cell(s: dict[str, Any], name: str) -> Cell:
+        value = s.get(name)
+        return value if value is None or name == "n" else factor * value
+
+    return columns, [[cell(s, name) for name, _ in kinds] for s in found]
+
+
+def verdict_table(verdicts: Sequence[dict[str, Any]]) -> Table:
+    """The claims and what became of them."""
+    columns = (
+        Column("claim", "Claim"), Column("outcome", "Outcome"), Column("sentence", "What was found"),
+        Column("condition", "Condition"), Column("statistic", "Statistic"),
+    )  # fmt: skip
+    rows = tuple(tuple(_text(v.get(c.key)) for c in columns) for v in verdicts)
+    return Table("verdicts", "Verdicts", columns, rows, "Units and statistic stand in each sentence.")
+
+
+def _text(value: Any) -> Cell:
+    if isinstance(value, dict):
+        return "; ".join(f"{k}: {_text(v)}" for k, v in value.items())
+    if isinstance(value, list):
+        return ", ".join(str(_text(v)) for v in value)
+    return value if value is None or isinstance(value, (str, int, float)) else str(value)
+
+
+def failure_table(summary: dict[str, Any]) -> Table:
+    """Failures, the intrinsics that share them in one row: detection comes before intrinsics, so most do."""
+    grouped: dict[tuple[Any, ...], list[str]] = {}
+    for f in summary["failures"]:
+        grouped.setdefault((f["method"], f["reference"], f["reason"], f["count"]), []).append(f["intrinsics"])
+    columns = (
+        Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("reference", "Against"),
+        Column("reason", "Reason"), Column("circles", "Circles", "count"),
+    )  # fmt: skip
+    rows = tuple((m, ", ".join(labels), ref, why, n) for (m, ref, why, n), labels in grouped.items())
+    settings = summary["settings"]
+    note = (
+        "Circles without an error, by reason. A detection belongs to a circle when their contours in the delivered "
+        f"image lie within {settings['gate_px']:g} px or {100 * settings['gate_fraction_of_minor_semi_axis']:g} % of "
+        "the minor semi-axis in the mean."
+    )
+    return Table("failures", "What was not solved", columns, rows, note)
+
+
+def cell_table(cells: Sequence[Run]) -> Table:
+    """The numbers of the figures over a grid."""
+    texts = ("method", "intrinsics", "reference", "group")
+    errors = [(key, title, unit) for key, _, title, unit, _, sign in _ERRORS if not sign]
+    columns = (
+        *(Column(n, "Against" if n == "reference" else n.capitalize()) for n in texts),
+        Column("tilt_deg", "Tilt", "deg"), Column("distance_D", "Distance", "D"),
+        Column("solved", "Solved"), Column("circles", "", role="of"),
+        *(Column(f"{key}_mean", title, unit) for key, title, unit in errors),
+    )  # fmt: skip
+    rows = tuple(
+        (*(c[n] for n in texts), c["tilt_deg"], c["distance_D"], c["solved"], c["n"],
+         *(c["oracle"][key]["mean"] for key, _, _ in errors))
+        for c in cells
+    )  # fmt: skip
+    note = f"Means of the better candidate over the solved circles of a cell. {_FRAME}"
+    return Table("cells", "The figures' numbers, cell by cell", columns, rows, note)
+
+
+def metric_table(metrics: Sequence[dict[str, Any]]) -> Table:
+    """Definitions of the errors."""
+    columns = (
+        Column("title", "Error"), Column("unit", "Unit"), Column("frame", "Frame"), Column("definition", "Definition"),
+        *([Column("source", "Source")] if any(m.get("source") for m in metrics) else []), Column("column", "Column"),
+    )  # fmt: skip
+    note = (
+        "Camera frame: x right, y down, z forward, metres. The normal points out of the printed face, to the camera's "
+        "side. The centre of the top-left pixel is (0, 0). Columns are those of scores.parquet; with the prefix "
+        "oracle_ they are of the better candidate."
+    )
+    return Table(
+        "definitions", "Definitions", columns, tuple(tuple(m.get(c.key) for c in columns) for m in metrics), note
+    )
+
+
+def pairs_table(name: str, title: str, heads: tuple[str, ...], rows: Sequence[tuple[Any, ...]], note: str) -> Table:
+    """Lines of text under their heads: settings, versions, checksums."""
+    columns = tuple(Column(head.lower().replace(" ", "_"), head) for head in heads)
+    return Table(name, title, columns, tuple(rows), note)
+
+
+def fidelity_table(measured: dict[str, Any] | None) -> Table:
+    """How far the images are from a prediction: over all circles, then by effect if there are several."""
+    measured = measured or {}
+    effects = measured.get("by_effect", {}) if measured.get("circles") else {}
+    every = [("every one" if len(effects) != 1 else next(iter(effects)), measured)] if measured.get("circles") else []
+    rows = every + (list(effects.items()) if len(effects) > 1 else [])
+    shifts = (("shift_x_px", "Shift x"), ("shift_y_px", "Shift y"), ("scale_px", "Size"))
+    columns = [Column("effect", "Effect at the edge"), Column("circles", "Circles", "count")]
+    for key, title in shifts:
+        columns += [Column(key, title, "px", signed=True), Column(f"{key}_low", "", "px", "low", True),
+                    Column(f"{key}_high", "", "px", "high", True)]  # fmt: skip
+    columns += [
+        Column("residual_pct", "Residual", "% of contrast"),
+        Column("monte_carlo_pct", "Monte-Carlo", "% of contrast"),
+        Column("pixel_test_passed", "Pixel test", "passed"),
+    ]
+    cells = []
+    for name, f in rows:
+        means = [v for key, _ in shifts for v in (f[key]["mean"], f[key]["mean"] - f[key]["ci95"],
+                                                  f[key]["mean"] + f[key]["ci95"])]  # fmt: skip
+        passed = f"{f['z_passed']}" + ("" if f["z_consistent"] else " (too few)")
+        cells.append(
+            (name.replace("_", " "), f["circles"], *means, 100 * f["residual"], 100 * f["monte_carlo"], passed)
+        )
+    note = (
+        "Image against a prediction in float64 that shares only the camera's forward projection with the renderer, "
+        "measured when the dataset was made, in pixels of the delivered image: mean over the circles and its 95 % "
+        "interval, what is left at the edge, and how many circles' pixels differ from the prediction by their "
+        "Monte-Carlo error alone (level 1 %)."
+    )
+    last = fidelity_lines(measured or None)[-1]
+    if last.startswith("  not"):
+        note += f" {last.strip().capitalize()}."
+    return Table("fidelity", "Fidelity", tuple(columns), tuple(cells), note)

@@ -1,0 +1,112 @@
+"""Tables of what the numbers are worth: recall at thresholds, runs beside the main one, and the power of the set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from roundel.validate.tables.table import Cell, Column, Table
+
+_RUN = (Column("method", "Method"), Column("intrinsics", "Intrinsics"))
+
+
+def statistics_tables(summary: dict[str, Any], runs: Sequence[dict[str, Any]]) -> list[Table]:
+    """The tables that a summary has something for, of the runs against the truth."""
+    found = [
+        efficiency_table(runs),
+        recall_table(runs),
+        main_table(summary.get("comparisons") or []),
+        power_table(summary),
+    ]
+    return [table for table in found if table.rows]
+
+
+def efficiency_table(runs: Sequence[dict[str, Any]]) -> Table:
+    """Errors over the bounds of their own frames."""
+    errors = (("normal", "Normal"), ("position", "Position"), ("ellipse_centre", "Ellipse centre"))
+    columns = list(_RUN)
+    for key, title in errors:
+        columns += [Column(f"{key}_rms_over_bound", title, "RMS / bound")]
+        columns += [Column(f"{key}_{end}", "", role=end) for end in ("low", "high")]
+        columns += [Column(f"{key}_circles", "", role="file")]
+    rows = []
+    for run in runs:
+        found = run.get("efficiency") or {}
+        cells = [(found.get(key) or {}).get(k) for key, _ in errors for k in ("rms", "rms_low", "rms_high", "n")]
+        if any(cells):
+            rows.append((run["method"], run["intrinsics"], *cells))
+    note = (
+        "RMS over the circles of each error divided by the Cramer-Rao bound of its own frame, in brackets its 95 % "
+        "interval. About 1 is the best that an unbiased method can do with these pixels; wrong intrinsics, and "
+        "an image that holds less than the bound assumes, make it larger. Oracle candidate; the units cancel."
+    )
+    return Table("efficiency", "Errors over their Cramer-Rao bounds", tuple(columns), tuple(rows), note)
+
+
+def recall_table(runs: Sequence[dict[str, Any]]) -> Table:
+    """Share of the circles whose error is below a threshold; what was not solved is not below any."""
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        for which, errors in (run.get("recall") or {}).items():
+            for error in (errors or {}).values():
+                for level in error.get("levels", ()):
+                    shares = (None if level[k] is None else 100 * level[k] for k in ("rate", "low", "high"))
+                    head = (run["method"], run["intrinsics"], which, error["title"], error["unit"])
+                    rows.append((*head, level["threshold"], *shares, level["n"]))
+    columns = (
+        *_RUN,
+        Column("candidate", "Candidate"),
+        Column("error", "Error"),
+        Column("unit", "Unit"),
+        Column("threshold", "At most"),
+        Column("recall_pct", "Recall", "%"),
+        Column("recall_low_pct", "", "%", "low"),
+        Column("recall_high_pct", "", "%", "high"),
+        Column("circles", "Circles", "count"),
+    )
+    note = (
+        "Share of all circles, solved or not, whose error is at most the threshold; in brackets its 95 % interval "
+        "(Wilson). Oracle: the candidate whose normal is nearer to the true one. Errors as defined below."
+    )
+    return Table("recall", "Recall at thresholds", columns, tuple(rows), note)
+
+
+def main_table(comparisons: Sequence[dict[str, Any]]) -> Table:
+    """Every run beside the one that the report leads with."""
+    columns = (
+        *_RUN,
+        Column("error", "Error"),
+        Column("circles", "Circles", "both solved"),
+        Column("ratio_rms", "RMS over the main run's"),
+        Column("ratio_low", "", role="low"),
+        Column("ratio_high", "", role="high"),
+        Column("p_holm", "p", "Holm"),
+        Column("verdict", "Verdict"),
+    )
+    rows = tuple(
+        (c["method"], c["intrinsics"], c["metric"], c["n"], c["ratio"], c["low"], c["high"], c["p_holm"], c["verdict"])
+        for c in comparisons
+        if c["reference"] == "truth"
+    )
+    note = (
+        "Paired by circle. Ratio of the RMS errors, in brackets its 95 % interval by bootstrap over frames; p: Holm "
+        "over the report. Units cancel; columns of scores.parquet."
+    )
+    return Table("against_main", "Every run beside the main one", columns, rows, note)
+
+
+def power_table(summary: dict[str, Any]) -> Table:
+    """The change of an error that these frames could show."""
+    columns = (
+        *_RUN,
+        Column("error", "Error"),
+        Column("frames", "Frames", "count"),
+        Column("change_pct", "Detectable change", "%"),
+    )
+    rows = tuple(
+        (p["method"], p["intrinsics"], p["error"].replace("_", " "), p["frames"],
+         None if p["change"] is None else 100 * p["change"])
+        for p in summary.get("power") or []
+        if p["reference"] == "truth"
+    )  # fmt: skip
+    return Table("power", "What these frames can show", columns, rows, str(summary.get("power_note") or ""))

@@ -1,0 +1,133 @@
+"""Tables as records: what a page, a CSV file, a Markdown file and a LaTeX file are all made from."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from roundel.validate.scores.summary import number
+
+Cell = str | int | float | None
+
+# A page's cell wraps beyond this; a name is cut beyond that. No name of ours is nearly as long.
+_PROSE, NAME_LIMIT, TEXT_LIMIT = 44, 80, 2000
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column's key (snake_case, with the unit), its title for people, and the unit they read.
+
+    `role` joins a column to the last one of its own, for people: `of` (35 / 36), `tail` (a second statistic after a
+    slash), `low` and `high` (an interval in brackets), `file` (in CSV alone). A `signed` number always has its sign.
+    """
+
+    key: str
+    title: str
+    unit: str = ""
+    role: str = ""
+    signed: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: plain values row by row (None where there is none), and a note that says frame, units and statistic."""
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A cell for people: its value, a second one after a slash, and an interval."""
+
+    value: str
+    tail: str
+    interval: str
+    kind: str
+
+    def text(self) -> str:
+        """All of it in one line."""
+        return " ".join(part for part in (self.value, self.interval, self.tail and f"/ {self.tail}") if part)
+
+
+def clean(text: str, limit: int | None = None) -> str:
+    """A user's text on one line, without characters that control or reorder what stands beside it, cut to `limit`."""
+    visible = "".join("\N{REPLACEMENT CHARACTER}" if _controls(c) else c for c in " ".join(text.split()))
+    return visible if limit is None or len(visible) <= limit else visible[: limit - 1] + "\N{HORIZONTAL ELLIPSIS}"
+
+
+def _controls(character: str) -> bool:
+    # Cc and Cf: control, bidirectional, zero width; Cs: halves of surrogates, which no file can hold.
+    return unicodedata.category(character) in ("Cc", "Cf", "Cs")
+
+
+def signed(value: float | None) -> str:
+    """A number with its sign, a dash for none."""
+    text = number(None if value is None else abs(value))
+    # What rounds to nothing has no sign.
+    if value is None or not text.strip("0.-"):
+        return text
+    return ("+" if value > 0 else "\N{MINUS SIGN}") + text
+
+
+def heads(table: Table) -> list[Column]:
+    """The columns that people see."""
+    return [column for column in table.columns if not column.role]
+
+
+def shown_rows(table: Table) -> list[list[Shown]]:
+    """The cells that people see, row by row."""
+    parts = _parts(table)
+    kinds = [_kind([row[own] for row in table.rows]) for own, _ in parts]
+    return [
+        [_shown(table, row, own, more, kind) for (own, more), kind in zip(parts, kinds, strict=True)]
+        for row in table.rows
+    ]
+
+
+def _kind(cells: Sequence[Cell]) -> str:
+    """Of a column: a number, a text on one line, or one that wraps."""
+    texts = [cell for cell in cells if isinstance(cell, str)]
+    return "number" if not texts else "prose" if max(map(len, texts)) > _PROSE else "text"
+
+
+def _parts(table: Table) -> list[tuple[int, dict[str, int]]]:
+    parts: list[tuple[int, dict[str, int]]] = []
+    for i, column in enumerate(table.columns):
+        if not column.role:
+            parts.append((i, {}))
+        elif column.role != "file":
+            parts[-1][1][column.role] = i
+    return parts
+
+
+def _shown(table: Table, row: tuple[Cell, ...], own: int, more: dict[str, int], kind: str) -> Shown:
+    def said(i: int) -> str:
+        return formatted(row[i], table.columns[i].signed)
+
+    known = {role: i for role, i in more.items() if row[i] is not None}
+    value = said(own) + (f" / {said(known['of'])}" if "of" in known else "")
+    tail = said(known["tail"]) if "tail" in known else ""
+    interval = ""
+    if "low" in known and "high" in known:
+        unit = table.columns[known["low"]].unit
+        interval = f"[{said(known['low'])}, {said(known['high'])}]" + (f" {unit}" if unit == "%" else "")
+    return Shown(value, tail, interval, kind)
+
+
+def formatted(value: Any, sign: bool = False) -> str:
+    """A cell's value for people."""
+    if value is None:
+        return "-"
+    if isinstance(value, str):
+        return clean(value, TEXT_LIMIT)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:+d}" if sign else str(value)
+    return signed(value) if sign else number(value)
