@@ -1,4 +1,4 @@
-"""Writes scenes/markers/tag_bits.json: the bit patterns of four tag families, as OpenCV's predefined dictionaries draw them.
+"""Write scenes/markers/tag_bits.json: the bit patterns of four tag families, from OpenCV's dictionaries.
 
     python tests/make_tag_bits.py
 
