@@ -44,8 +44,8 @@ SCORED = metrics/pose_errors metrics/bop statistics/intervals scores/run_statist
 coverage: env ## branch coverage of the code that scores, by its own tests
 	$(BIN)/python -m coverage run --branch --data-file=.coverage \
 	    --include="$$(printf 'validate/%s.py,' $(SCORED))" -m pytest -m 'not slow' -q $(PYTEST_FLAGS) \
-	    tests/test_metrics.py tests/test_symmetry.py tests/test_intervals.py tests/test_run_statistics.py \
-	    tests/test_paired.py tests/test_scores.py tests/test_sweeps.py tests/test_bounds.py tests/test_report.py
+	    tests/validate/metrics/test_pose_errors.py tests/validate/metrics/test_bop.py tests/validate/statistics/test_intervals.py tests/validate/scores/test_run_statistics.py \
+	    tests/validate/statistics/test_paired_tests.py tests/validate/scores/test_scores.py tests/validate/metrics/test_sweeps.py tests/validate/metrics/test_cramer_rao.py tests/validate/report/test_report.py
 	$(BIN)/python -m coverage report --data-file=.coverage --show-missing --fail-under=95
 
 check: env links ## ruff, mypy --strict, import-linter

@@ -3,9 +3,10 @@
     python benchmarks/monte_carlo.py [--runs 2000] [--fit batch|one] [--unbiased] [--json FILE]
 
 Points lie evenly along the contour (random phase), with isotropic Gaussian noise. The geometric fit is taken from the
-truth by Gauss-Newton for all runs at once; `--fit one` calls `solver.ellipse.fit_ellipse` for each (the same minimum:
-tests/test_monte_carlo.py). Of the two candidates the nearer one is judged. Regions: sigma comes from the residuals, so
-quantiles are those of F with n - 5 degrees of freedom; the normal's is decided in q (`solver.pose_region`).
+truth by Gauss-Newton for all runs at once; `--fit one` calls `fit_ellipse` for each (the same minimum:
+tests/solver/fit/test_monte_carlo.py). Of the two candidates the nearer one is judged. Regions: sigma comes from the
+residuals, so quantiles are those of F with n - 5 degrees of freedom; the normal's is decided in q
+(`solver.pose.pose_region`).
 """
 
 from __future__ import annotations

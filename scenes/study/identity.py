@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # How a study's numbers become frames: the order of grids, the low-discrepancy sequence, its scrambling, the seeds, how
 # a pose is built, and the defaults of the schema. Raise it when any study draws other frames than before; then, and
-# only then, make tests/golden anew (tests/make_golden.py). It is part of every dataset_id.
+# only then, make tests/golden anew (tests/helpers/make_golden.py). It is part of every dataset_id.
 SAMPLING_VERSION = 1
 
 # Digits that are compared: far above the last bits in which two builds of a mathematics library differ, and far below

@@ -1,4 +1,4 @@
-"""The house itself: packaging, rooms, imports, the size of files, and how soon the command answers."""
+"""The architecture: packaging, imports, the size of files and folders, and how soon the command answers."""
 
 import ast
 import importlib.metadata
@@ -48,6 +48,14 @@ def test_every_package_is_shipped():
 
 def test_every_folder_with_code_is_a_package():
     assert [str(path) for path in SOURCES if not (path.parent / "__init__.py").is_file()] == []
+
+
+def test_tests_mirror_the_code():
+    # A folder of tests has a folder of code of that name, and no folder is crowded.
+    for path in (HOUSE / "tests").rglob("test_*.py"):
+        place = path.parent.relative_to(HOUSE / "tests")
+        assert place == Path() or (HOUSE / place / "__init__.py").is_file(), path
+        assert len(list(path.parent.glob("*.py"))) <= MOST_MODULES
 
 
 @pytest.mark.parametrize("package", packages())

@@ -23,7 +23,7 @@ from roundel.validate.estimates.runs import read_runs
 from roundel.validate.metrics.ground_truth import true_targets
 from roundel.validate.scores.scores import score
 
-CONFIG = Path(__file__).parent.parent / "configs" / "wrong_focal.yaml"
+CONFIG = Path(__file__).resolve().parents[3] / "configs" / "wrong_focal.yaml"
 FACTORS = ("0.7", "0.85", "1.15", "1.3")
 
 # group: the largest bias of the normal over all azimuths, for each factor, degrees.

@@ -16,7 +16,7 @@ from roundel.scenes.study.identity import frame_digest
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import frame_of
 
-REMEDY = "other frames than before: raise SAMPLING_VERSION and run tests/make_golden.py"
+REMEDY = "other frames than before: raise SAMPLING_VERSION and run tests/helpers/make_golden.py"
 
 STUDY = """\
 schema: 1

@@ -299,7 +299,7 @@ def test_the_detection_study(tmp_path):
     """Two frames of each group of configs/detection.yaml, rendered: every marker is found, and with confidence."""
     from roundel.render.run import render_study
 
-    text = (Path(__file__).resolve().parent.parent / "configs" / "detection.yaml").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[3] / "configs" / "detection.yaml").read_text(encoding="utf-8")
     study = tmp_path / "study.yaml"
     study.write_text(text.replace("frames: 16", "frames: 2"), encoding="utf-8")
     dataset = render_study(study, tmp_path / "dataset")

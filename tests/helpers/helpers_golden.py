@@ -10,7 +10,7 @@ from roundel.scenes.study.schema import GroupSection
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import frame_of, group_ranges
 
-HOUSE = Path(__file__).resolve().parents[1]
+HOUSE = Path(__file__).resolve().parents[2]
 GOLDEN = HOUSE / "tests" / "golden"
 STUDIES = sorted(path.stem for path in (HOUSE / "configs").glob("*.yaml"))
 

@@ -16,7 +16,7 @@ from roundel.scenes.study.study import load_study
 from roundel.scenes.study.yaml_reader import read_yaml
 from roundel.scenes.world.frame import frame_of, frames_of, total_frames
 
-CONFIGS = sorted((Path(__file__).parent.parent / "configs").glob("*.yaml"))
+CONFIGS = sorted((Path(__file__).resolve().parents[3] / "configs").glob("*.yaml"))
 
 STUDY = """\
 schema: 1

@@ -1,6 +1,6 @@
 """Write scenes/markers/tag_bits.json: the bit patterns of four tag families, from OpenCV's dictionaries.
 
-    python tests/make_tag_bits.py
+    python tests/helpers/make_tag_bits.py
 
 Run it once when a family is added; `test_tags.py` holds the file against OpenCV.
 """
@@ -18,7 +18,7 @@ FAMILIES = {
     "aruco_6x6_250": ("DICT_6X6_250", 250),
     "apriltag_36h11": ("DICT_APRILTAG_36h11", 587),
 }
-OUT = Path(__file__).resolve().parents[1] / "scenes" / "markers" / "tag_bits.json"
+OUT = Path(__file__).resolve().parents[2] / "scenes" / "markers" / "tag_bits.json"
 
 
 def drawn_bits(name: str, tag_id: int) -> np.ndarray:

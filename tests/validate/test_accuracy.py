@@ -14,7 +14,7 @@ from roundel.solver.methods.solve import solve_dataset
 from roundel.validate.calibration.camera_errors import calibrate_dataset
 from roundel.validate.validate import validate_dataset
 
-CONFIGS = Path(__file__).parent.parent / "configs"
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 
 # 20 frames at 15 D and 30 degrees, and the ellipse of 14.4 x 11.4 px that EdgeDrawing calls a circle.
 CLEAN = """\

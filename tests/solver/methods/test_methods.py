@@ -22,7 +22,7 @@ from roundel.solver.methods.registry import check_methods, finder_of, installed_
 from roundel.solver.photos.photographs import solve_photographs
 from roundel.solver.pose.circle_pose import poses_from_conic
 
-HOUSE = Path(__file__).resolve().parents[1]
+HOUSE = Path(__file__).resolve().parents[3]
 EXAMPLE = HOUSE / "docs" / "roundel_simittag"
 PEERS = HOUSE / ".bench-peers"
 

@@ -139,7 +139,7 @@ def test_pictures(calibrations: Calibrations) -> None:
 
 
 def test_the_shipped_study_asks_for_four_calibrations() -> None:
-    study = load_study(Path(__file__).parent.parent / "configs" / "paper_real.yaml")
+    study = load_study(Path(__file__).resolve().parents[3] / "configs" / "paper_real.yaml")
     assert [n for label in study.solve.intrinsics if (n := calibration_views(label))] == [5, 10, 20, 40]
     assert study.groups["calibration"].frames == 40
 

@@ -15,7 +15,7 @@ from roundel.scenes.study.study import load_study
 from roundel.solver.methods.solve import solve_dataset
 from roundel.validate.validate import validate_dataset
 
-CONFIG = Path(__file__).parent.parent / "configs" / "paper_points.yaml"
+CONFIG = Path(__file__).resolve().parents[2] / "configs" / "paper_points.yaml"
 TRIALS_OF_TABLES = 300
 TRIALS = 100
 
