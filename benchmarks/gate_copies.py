@@ -29,7 +29,7 @@ from roundel.solver.methods import solve
 from roundel.validate.estimates.runs import read_runs
 from roundel.validate.gate.baseline import Baseline, baseline_of_scores, read_baseline, write_baseline
 from roundel.validate.metrics.ground_truth import Targets, true_targets
-from roundel.validate.metrics.pose_errors import METRIC_VERSION
+from roundel.validate.metrics.metric import METRIC_VERSION
 from roundel.validate.scores.scores import score
 
 SCORES = "scores.parquet"

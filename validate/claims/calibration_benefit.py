@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.study.schema import calibration_views
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics.metric import HEADLINE, column
 from roundel.validate.scores.summary import intrinsics_rank, is_right, levels
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
 
@@ -31,20 +31,8 @@ _RESAMPLES = 1999
 _NOTHING = 1e-9
 
 
-@dataclass(frozen=True)
-class WorthError:
-    """An error that the question is asked of."""
-
-    name: str
-    column: str
-    unit: str
-
-
-ERRORS = (
-    WorthError("normal", "oracle_normal_error_deg", "\N{DEGREE SIGN}"),
-    WorthError("position", "oracle_position_error_pct", " %"),
-    WorthError("reprojection", "oracle_reprojection_error_px", " px"),
-)
+# The errors that the question is asked of.
+ERRORS = HEADLINE
 
 
 @dataclass(frozen=True)
@@ -169,7 +157,7 @@ def _worth(
         place = {key: i for i, key in enumerate(keys_of(rows))}
         at = np.array([place.get(key, -1) for key in keys], dtype=np.int64)
         for error in ERRORS:
-            values = np.append(column(rows, error.column), np.nan)
+            values = np.append(error.values(rows), np.nan)
             errors[error.name][label] = values[at]
     offset = np.array([offset_deg.get(key, np.nan) for key in keys])
     variables = {name: column(first, name) for name in ("distance_D", "tilt_deg")}

@@ -16,12 +16,12 @@ from roundel.validate.claims.calibration_benefit import (
     ON_AXIS_DEG,
     Panel,
     Worth,
-    WorthError,
     gain_of,
     level_of,
     median_of,
     verdict_of,
 )
+from roundel.validate.metrics.metric import NORMAL, Metric
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.intervals import Interval
 
@@ -45,7 +45,7 @@ def answer(worth: Worth) -> list[str]:
     """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
     views = calibration_views(worth.calibrated)
     source = "A calibration" if views is None else f"A calibration from {views} views"
-    places = {error.name: _in_short(worth, error) for error in ERRORS}
+    places = {error.words: _in_short(worth, error) for error in ERRORS}
     names = list(places)
     alike = set(places.values()) in ({"everywhere"}, {"nowhere"})
     short = (
@@ -98,7 +98,7 @@ def _panel(worth: Worth, part: str, variable: str) -> Panel | None:
     return next((p for p in worth.panels if (p.part, p.variable) == (part, variable)), None)
 
 
-def _where(worth: Worth, error: WorthError, panel: Panel, beyond: float = -1.0) -> str:
+def _where(worth: Worth, error: Metric, panel: Panel, beyond: float = -1.0) -> str:
     bins = [i for i in range(len(panel.bins)) if panel.low[i] > beyond]
     verdicts = [verdict_of(panel.gains[error.name][i]) for i in bins]
     low, high = panel.low[bins].tolist(), panel.high[bins].tolist()
@@ -112,7 +112,7 @@ def _parts(worth: Worth) -> list[tuple[str, str, Rows]]:
     return found or [("all", "over all frames", everything)]
 
 
-def _of_part(worth: Worth, error: WorthError, part: str) -> str:
+def _of_part(worth: Worth, error: Metric, part: str) -> str:
     """Where in this part: off the axis by offset, else by distance."""
     offset = _panel(worth, "all", "off_axis_deg")
     if part == "off_axis" and offset is not None:
@@ -121,25 +121,25 @@ def _of_part(worth: Worth, error: WorthError, part: str) -> str:
     return "nowhere" if panel is None else _where(worth, error, panel)
 
 
-def _in_short(worth: Worth, error: WorthError) -> str:
+def _in_short(worth: Worth, error: Metric) -> str:
     places = [(words, _of_part(worth, error, part)) for part, words, _ in _parts(worth)]
     if len({place for _, place in places}) == 1 and places[0][1] in ("everywhere", "nowhere"):
         return places[0][1]
     return ", ".join(f"{words} {place}" for words, place in places)
 
 
-def _of_error(worth: Worth, error: WorthError) -> str:
+def _of_error(worth: Worth, error: Metric) -> str:
     texts = []
     for part, words, rows in _parts(worth):
         without = median_of(worth, error.name, worth.uncalibrated, rows)
         with_it = median_of(worth, error.name, worth.calibrated, rows)
         gain = gain_of(worth, error.name, rows)
-        text = f"{words} {number(without)}{error.unit} against {number(with_it)}{error.unit}, {_times(gain)}"
+        text = f"{words} {number(without)}{error.suffix} against {number(with_it)}{error.suffix}, {_times(gain)}"
         panels = [_panel(worth, part, name) for name in ("distance_D", "tilt_deg")]
         places = dict.fromkeys(_where(worth, error, p) for p in panels if p is not None and len(p.bins) > 1)
         mixed = [place for place in places if place not in ("everywhere", "nowhere")]
         texts.append(text + (f" (more than {FACTOR:g} {' and '.join(mixed)})" if mixed else ""))
-    return f"Median {error.name} error without against with calibration: {'; '.join(texts)}."
+    return f"Median {error.words} error without against with calibration: {'; '.join(texts)}."
 
 
 def _times(gain: Interval) -> str:
@@ -151,7 +151,7 @@ def _times(gain: Interval) -> str:
 
 def _levels(worth: Worth, label: str, rows: Rows) -> str:
     values = (median_of(worth, error.name, label, rows) for error in ERRORS)
-    return ", ".join(f"{number(v)}{error.unit}" for v, error in zip(values, ERRORS, strict=True))
+    return ", ".join(f"{number(v)}{error.suffix}" for v, error in zip(values, ERRORS, strict=True))
 
 
 def _more_views(worth: Worth) -> list[str]:
@@ -162,7 +162,7 @@ def _more_views(worth: Worth) -> list[str]:
     ordered = sorted(counted, key=lambda label: calibration_views(label) or 0)
     texts = "; ".join(f"{calibration_views(label)} views {_levels(worth, label, rows)}" for label in ordered)
     truth = f"; the true camera {_levels(worth, 'true', rows)}" if "true" in worth.labels else ""
-    return [f"What more views give, {words} (normal, position, reprojection): {texts}{truth}."]
+    return [f"What more views give, {words} ({', '.join(e.words for e in ERRORS)}): {texts}{truth}."]
 
 
 def _other_intrinsics(worth: Worth) -> list[str]:
@@ -183,8 +183,8 @@ def _focal_alone(worth: Worth) -> list[str]:
     if found is None or not scaled:
         return []
     words, rows = found
-    harmless = all(verdict_of(gain_of(worth, "normal", rows, label)) == "no" for label in scaled)
-    if not harmless or verdict_of(gain_of(worth, "normal", rows)) != "yes":
+    harmless = all(verdict_of(gain_of(worth, NORMAL.name, rows, label)) == "no" for label in scaled)
+    if not harmless or verdict_of(gain_of(worth, NORMAL.name, rows)) != "yes":
         return []
     return [
         f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
@@ -194,10 +194,10 @@ def _focal_alone(worth: Worth) -> list[str]:
 
 
 def _chessboard(worth: Worth) -> list[str]:
-    if BOARD not in worth.errors["normal"]:
+    if BOARD not in worth.errors[NORMAL.name]:
         return []
     _, words, rows = _parts(worth)[-1]
-    found = int(np.isfinite(worth.errors["normal"][BOARD][rows]).sum())
+    found = int(np.isfinite(worth.errors[NORMAL.name][BOARD][rows]).sum())
     return [
         f"The chessboard beside the marker places the same circles by solvePnP, {words}: "
         f"{_levels(worth, BOARD, rows)}, found in {found} of {len(rows)} frames."
@@ -212,7 +212,7 @@ def worth_record(worth: Worth) -> dict[str, Any]:
             panels.append(
                 {
                     "error": error.name,
-                    "column": error.column,
+                    "column": error.oracle,
                     "part": panel.part,
                     "variable": panel.variable,
                     "low": panel.low.tolist(),

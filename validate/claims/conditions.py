@@ -11,14 +11,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics import metric
+from roundel.validate.metrics.metric import column
 from roundel.validate.scores.summary import intrinsics_rank, levels
 from roundel.validate.statistics.trends import Array, Index, Mask
 
 NORMAL, POSITION, RELATIVE, REPROJECTION = (
-    f"oracle_{name}" for name in ("normal_error_deg", "position_error_D", "position_error_pct", "reprojection_error_px")
+    m.oracle for m in (metric.NORMAL, metric.POSITION_D, metric.POSITION, metric.REPROJECTION)
 )
-ALONG = "oracle_along_ray_m"
+ALONG = metric.ALONG_RAY.oracle
 
 # The paper's camera looks at the centre of the marker. Nearer than this, a focal length off by 30 % turns the normal by
 # less than 0.15 degrees.

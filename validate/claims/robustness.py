@@ -15,13 +15,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics.metric import NORMAL, column
 from roundel.validate.scores.summary import is_right, run_keys, select
 from roundel.validate.statistics.intervals import wilson_interval
 
 Array = NDArray[np.float64]
 
-ERROR, BOUND = "oracle_normal_error_deg", "normal_bound_deg"
+ERROR, BOUND = NORMAL.oracle, NORMAL.bound
 MIN_FRAMES = 10  # of a level: a median of fewer has no interval worth drawing
 _RESAMPLES = 2000
 

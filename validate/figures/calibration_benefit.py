@@ -14,12 +14,12 @@ from roundel.validate.claims.calibration_benefit import (
     ON_AXIS_DEG,
     Panel,
     Worth,
-    WorthError,
     level_of,
     median_of,
 )
 from roundel.validate.claims.calibration_benefit_text import named
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
+from roundel.validate.metrics.metric import NORMAL, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,11 +35,6 @@ _TITLES = {
     "off_axis_deg": "offset from the axis [\N{DEGREE SIGN}]",
 }
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all frames"}
-_LABELS = {
-    "normal": "normal [\N{DEGREE SIGN}]",
-    "position": "position [% of distance]",
-    "reprojection": "reprojection [px]",
-}
 
 
 def worth_picture(worth: Worth) -> Picture:
@@ -60,7 +55,7 @@ def worth_picture(worth: Worth) -> Picture:
                 if r == len(ERRORS) - 1:
                     at.set_xlabel(_TITLES[panel.variable])
                 if c == 0:
-                    at.set_ylabel(_LABELS[error.name])
+                    at.set_ylabel(error.label)
         for c, panel in enumerate(panels):
             if panel.variable == "off_axis_deg":
                 axes[0, c].set_xscale("symlog", linthresh=1.0, linscale=0.5)
@@ -90,7 +85,7 @@ def _shown(worth: Worth) -> list[Panel]:
 
 def _styles(worth: Worth) -> dict[str, dict[str, Any]]:
     """Colour, marker and line of each curve; the reference in grey, behind the others."""
-    labels = [*worth.labels, *([BOARD] if BOARD in worth.errors["normal"] else [])]
+    labels = [*worth.labels, *([BOARD] if BOARD in worth.errors[NORMAL.name] else [])]
     counted: dict[str, int] = {}
     styles: dict[str, dict[str, Any]] = {}
     for label in sorted(labels, key=lambda x: (x != worth.calibrated, calibration_views(x) or 0)):
@@ -110,7 +105,7 @@ def _styles(worth: Worth) -> dict[str, dict[str, Any]]:
     return {label: styles[label] for label in labels}
 
 
-def _curve(at: Axes, worth: Worth, error: WorthError, panel: Panel, label: str, style: dict[str, Any]) -> None:
+def _curve(at: Axes, worth: Worth, error: Metric, panel: Panel, label: str, style: dict[str, Any]) -> None:
     at.plot(panel.middle, _numbers([median_of(worth, error.name, label, rows) for rows in panel.bins]), **style)
     if label in (worth.calibrated, worth.uncalibrated):
         # Bands of all would hide one another.

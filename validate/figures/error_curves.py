@@ -5,7 +5,6 @@ The bytes depend on the scores alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics.metric import PAPER, Metric, column
 from roundel.validate.scores.summary import grid_of, intrinsics_rank, is_right
 from roundel.validate.tables.table import clean
 
@@ -35,21 +34,6 @@ _MAX_PICTURES = 12
 _MAX_DOTS = 500
 
 
-@dataclass(frozen=True)
-class Row:
-    """One error of the paper's figure."""
-
-    column: str
-    label: str
-
-
-ROWS = (
-    Row("oracle_normal_error_deg", "normal [deg]"),
-    Row("oracle_position_error_D", "position [D]"),
-    Row("oracle_reprojection_error_px", "reprojection [px]"),
-)
-
-
 def pictures(table: pa.Table, first: str = "") -> list[Picture]:
     """The paper's figure for each method (`first` before the others), reference and group of a table of scores."""
     found = []
@@ -58,7 +42,7 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
     several = len({key[2] for key in keys}) > 1
     for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
         rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
-        if method == "chessboard_pnp" or not np.isfinite(column(table, ROWS[0].column)[rows]).any():
+        if method == "chessboard_pnp" or not np.isfinite(column(table, PAPER[0].oracle)[rows]).any():
             continue
         part = table.filter(pa.array(rows))
         name, folded = name_of(method, reference, group), reference != "truth"
@@ -87,12 +71,12 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
 def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
     panels = 1 if grid is None else len(grid[1])
     # One panel a row would be a tall strip: the three errors then stand side by side.
-    shape = (1, len(ROWS)) if panels == 1 else (len(ROWS), panels)
+    shape = (1, len(PAPER)) if panels == 1 else (len(PAPER), panels)
     labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
-        for r, row in enumerate(ROWS):
+        for r, row in enumerate(PAPER):
             for p in range(panels):
                 at = axes[0, r] if panels == 1 else axes[r, p]
                 if grid is None:
@@ -103,7 +87,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
                     at.set_title(f"tilt {grid[1][p]:g}\N{DEGREE SIGN}")
                 if p == 0:
                     at.set_ylabel(row.label)
-                if panels == 1 or r == len(ROWS) - 1:
+                if panels == 1 or r == len(PAPER) - 1:
                     at.set_xlabel("distance [D]")
             _scale(axes[0, r] if panels == 1 else axes[r, 0])
         figure.align_ylabels()
@@ -129,10 +113,10 @@ def _positive(values: Any) -> Array:
     return known[np.isfinite(known) & (known > 0)]
 
 
-def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances: Array, tilt: float) -> None:
+def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distances: Array, tilt: float) -> None:
     intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
-    values = column(table, row.column)
+    values = row.values(table)
     # The camera's own focal length is drawn last, on top of the others.
     for i, label in sorted(enumerate(labels), key=lambda pair: is_right(pair[1])):
         cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
@@ -146,9 +130,9 @@ def _curves(axes: Axes, table: pa.Table, row: Row, labels: list[str], distances:
         )
 
 
-def _scatter(axes: Axes, table: pa.Table, row: Row, labels: list[str]) -> None:
+def _scatter(axes: Axes, table: pa.Table, row: Metric, labels: list[str]) -> None:
     intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
-    distance, values = column(table, "distance_D"), column(table, row.column)
+    distance, values = column(table, "distance_D"), row.values(table)
     for i, label in enumerate(labels):
         rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)
         x, y = distance[rows], values[rows]

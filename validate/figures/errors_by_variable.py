@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric, column
 from roundel.validate.scores.summary import select
 from roundel.validate.tables.table import clean
 
@@ -52,22 +52,7 @@ DEGREES = (
 )
 
 
-@dataclass(frozen=True)
-class Error:
-    """An error: its column, what its axis says, the Cramer-Rao bound of the frame where it has one, in % of `of`."""
-
-    column: str
-    label: str
-    bound: str = ""
-    of: str = ""
-
-
-ERRORS = (
-    Error("oracle_normal_error_deg", "normal [deg]", "normal_bound_deg"),
-    Error("oracle_position_error_pct", "position [%]", "position_bound_m", "distance_m"),
-    Error("oracle_reprojection_error_px", "reprojection [px]"),
-    Error("ellipse_centre_error_px", "ellipse centre [px]", "ellipse_centre_bound_px"),
-)
+ERRORS = (*HEADLINE, ELLIPSE_CENTRE)
 MISSED = "not solved [%]"
 
 
@@ -83,7 +68,7 @@ def matrix_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pictu
     """
     part = table.filter(pa.array(select(table, (method, intrinsics, "truth"))))
     degrees = [(degree, values) for degree in DEGREES if (values := _varied(part, degree)) is not None]
-    errors = [error for error in ERRORS if np.isfinite(column(part, error.column)).sum() >= _MIN_FRAMES]
+    errors = [error for error in ERRORS if np.isfinite(error.values(part)).sum() >= _MIN_FRAMES]
     if not degrees or not errors:
         return []
     solved = np.array(part["solved"].to_pylist(), dtype=bool)
@@ -102,7 +87,7 @@ def matrix_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pictu
             _scale_x(axes[-1, c], values)
         for r, error in enumerate(errors):
             axes[r, 0].set_ylabel(error.label)
-            _scale_y(axes[r, 0], column(part, error.column))
+            _scale_y(axes[r, 0], error.values(part))
         if not solved.all():
             axes[-1, 0].set_ylabel(MISSED)
             axes[-1, 0].set_ylim(bottom=0)
@@ -167,8 +152,8 @@ def _bins(values: Array) -> list[NDArray[np.int64]]:
     return bins
 
 
-def _panel(axes: Axes, values: Array, part: pa.Table, error: Error, bins: list[NDArray[np.int64]]) -> None:
-    wrong = column(part, error.column)
+def _panel(axes: Axes, values: Array, part: pa.Table, error: Metric, bins: list[NDArray[np.int64]]) -> None:
+    wrong = error.values(part)
     found = [rows[np.isfinite(wrong[rows])] for rows in bins]
     found = [rows for rows in found if len(rows) >= _MIN_IN_BIN]
     if not found:
@@ -178,9 +163,7 @@ def _panel(axes: Axes, values: Array, part: pa.Table, error: Error, bins: list[N
     axes.fill_between(x, q[0], q[4], color=colour(0), alpha=0.14, lw=0)
     axes.fill_between(x, q[1], q[3], color=colour(0), alpha=0.28, lw=0)
     axes.plot(x, q[2], color=colour(0), lw=1.4, marker="o", ms=2.5)
-    bound = column(part, error.bound) if error.bound else np.full(len(wrong), np.nan)
-    if error.of:
-        bound = 100 * bound / column(part, error.of)
+    bound = error.bounds(part)
     if all(np.isfinite(bound[rows]).any() for rows in found):
         axes.plot(x, [np.nanmedian(bound[rows]) for rows in found], color=INK, lw=0.9, ls="--")
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
-from roundel.validate.scores.run_statistics import column
+from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
 from roundel.validate.scores.summary import select
 from roundel.validate.statistics.intervals import holm
 from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
@@ -33,11 +33,7 @@ MIN_SHARED = 20
 _MAX_SHOWN = 24
 NO_DIFFERENCE = ("no difference shown", "identical")
 
-ERRORS = (
-    ("oracle_normal_error_deg", "normal", "deg"),
-    ("oracle_position_error_pct", "position", "% of distance"),
-    ("oracle_reprojection_error_px", "reprojection", "px"),
-)
+ERRORS = HEADLINE
 
 
 @dataclass(frozen=True)
@@ -61,17 +57,17 @@ class Pair:
 
 def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]:
     """Median with its interval, and 95th percentile, of every run: one figure, none for fewer than two."""
-    shown = [e for e in entries if e.run["oracle"]["normal_error_deg"]["n"]][:_MAX_SHOWN]
+    shown = [e for e in entries if e.run["oracle"][NORMAL.column]["n"]][:_MAX_SHOWN]
     if len(shown) < 2:
         return []
     kinds = list(dict.fromkeys(e.kind for e in shown))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, len(ERRORS), sharey=True, squeeze=False)[0]
-        for at, (name, label, unit) in zip(axes, ERRORS, strict=True):
+        for at, error in zip(axes, ERRORS, strict=True):
             middles = []
             for y, entry in enumerate(shown):
-                found = entry.run["oracle"][name.removeprefix("oracle_")]
+                found = entry.run["oracle"][error.column]
                 if not found["n"]:
                     continue
                 k, middle, p95 = kinds.index(entry.kind), found["median"], found["p95"]
@@ -81,7 +77,7 @@ def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]
                 if found.get("median_low") is not None:
                     at.plot([found["median_low"], found["median_high"]], [y, y], color=colour(k), lw=3.5, alpha=0.6)
                 at.plot([middle], [y], color=colour(k), marker=marker(k), ms=5, ls="none")
-            at.set_xlabel(f"{label} [{unit}]")
+            at.set_xlabel(error.label)
             if middles and min(middles) > 0 and max(middles) > 8 * min(middles):
                 at.set_xscale("log")
             else:
@@ -107,7 +103,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
         a, b = shared(pair.first.rows, pair.second.rows)
         if a.num_rows >= MIN_SHARED:
             solved.append(_solved(pair, a, b))
-            errors += [row for error in ERRORS if (row := _compared(pair, a, b, *error)) is not None]
+            errors += [row for error in ERRORS if (row := _compared(pair, a, b, error)) is not None]
     for rows, at in ((errors, 9), (solved, 6)):
         for row, p in zip(rows, holm([row[at] for row in rows]), strict=True):
             row[at] = float(p)
@@ -159,9 +155,9 @@ def shared(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
     return a.take(first), b.take(second)
 
 
-def _compared(pair: Pair, a: pa.Table, b: pa.Table, name: str, label: str, unit: str) -> list[Any] | None:
-    first, second = (_over_bound(t, name) for t in (a, b))
-    plain = [column(t, name) for t in (a, b)]
+def _compared(pair: Pair, a: pa.Table, b: pa.Table, error: Metric) -> list[Any] | None:
+    first, second = (error.over_bound(t) for t in (a, b))
+    plain = [error.values(t) for t in (a, b)]
     bounded = np.isfinite(plain[0]) & np.isfinite(plain[1])
     x, y = (first, second) if np.array_equal(np.isfinite(first) & np.isfinite(second), bounded) else plain
     x, y = x[bounded], y[bounded]
@@ -172,20 +168,8 @@ def _compared(pair: Pair, a: pa.Table, b: pa.Table, name: str, label: str, unit:
         return None
     low, high = (math.exp(test.effect + z * test.standard_error) for z in (-1.96, 1.96))
     p = 2 * min(test.p_value, 1 - test.p_value) if test.standard_error else 1.0
-    head = [pair.about, pair.first.label, pair.second.label, f"{label} [{unit}]", len(x)]
+    head = [pair.about, pair.first.label, pair.second.label, error.label, len(x)]
     return [*head, math.exp(test.effect), low, high, 100 * math.expm1(test.detectable), p]
-
-
-def _over_bound(rows: pa.Table, name: str) -> Array:
-    """Errors over their frames' bounds; NaN where there is none."""
-    values = column(rows, name)
-    if name == "oracle_normal_error_deg":
-        bound = column(rows, "normal_bound_deg")
-    elif name == "oracle_position_error_pct":
-        bound = 100 * column(rows, "position_bound_m") / column(rows, "distance_m")
-    else:
-        return np.full(len(values), np.nan)
-    return np.asarray(np.divide(values, bound, out=np.full(len(values), np.nan), where=bound > 0))
 
 
 def _solved(pair: Pair, a: pa.Table, b: pa.Table) -> list[Any]:

@@ -20,18 +20,12 @@ import pyarrow.parquet as pq
 from roundel.datasets.layout.files import write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.gate.checks import MIN_CIRCLES
+from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
 
 SCHEMA = 2
 KEY = ("frame_id", "marker_id", "method", "intrinsics")
-ERRORS = (
-    "oracle_pose_error_bounds",
-    "oracle_normal_error_deg",
-    "oracle_position_error_m",
-    "contour_error_px",
-    "ellipse_centre_x_error_px",
-    "ellipse_centre_y_error_px",
-)
-BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
+ERRORS = tuple(m.oracle for m in (POSE, NORMAL, POSITION_M, CONTOUR, SHIFT_X, SHIFT_Y))
+BOUNDS = tuple(dict.fromkeys(m.bound for m in (NORMAL, POSITION_M, CONTOUR)))
 _COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
 _METADATA = b"roundel_baseline"
 _SINGLE = (*ERRORS, *BOUNDS)  # seven digits are plenty to compare with, and half the size in git

@@ -13,6 +13,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.validate.metrics import metric
+from roundel.validate.metrics.metric import Metric
 from roundel.validate.statistics.paired_tests import PairedTest, mcnemar_test, rms_ratio_test, shift_test
 
 Array = NDArray[np.float64]
@@ -34,26 +36,35 @@ GOLDEN_BOUNDS = 8.0
 
 @dataclass(frozen=True)
 class Quantity:
-    """An error that the gate watches: its column, its bound's (none: it is in bounds), words, unit, floor of a loss."""
+    """An error that the gate watches, and the loss, in its unit, below which none matters."""
 
-    column: str
-    bound: str | None
-    title: str
-    unit: str
+    metric: Metric
     floor: float
 
+    @property
+    def column(self) -> str:
+        """Of scores.parquet."""
+        return self.metric.oracle
 
-POSE = Quantity("oracle_pose_error_bounds", None, "pose", "bounds", 0.001)
-QUANTITIES = (
-    POSE,
-    Quantity("oracle_normal_error_deg", "normal_bound_deg", "normal", "deg", 0.001),
-    Quantity("oracle_position_error_m", "position_bound_m", "position", "m", 1e-6),
-    Quantity("contour_error_px", "ellipse_centre_bound_px", "contour", "px", 0.0005),
-)
-SHIFTS = (
-    Quantity("ellipse_centre_x_error_px", None, "shift of the ellipse centre in x", "px", 0.002),
-    Quantity("ellipse_centre_y_error_px", None, "shift of the ellipse centre in y", "px", 0.002),
-)
+    @property
+    def bound(self) -> str | None:
+        """Column of the error's bound; None where the error is in bounds already, or has none."""
+        return self.metric.bound or None
+
+    @property
+    def title(self) -> str:
+        """Within a sentence."""
+        return self.metric.words
+
+    @property
+    def unit(self) -> str:
+        """Of the error."""
+        return self.metric.unit
+
+
+POSE = Quantity(metric.POSE, 0.001)
+QUANTITIES = (POSE, Quantity(metric.NORMAL, 0.001), Quantity(metric.POSITION_M, 1e-6), Quantity(metric.CONTOUR, 0.0005))
+SHIFTS = (Quantity(metric.SHIFT_X, 0.002), Quantity(metric.SHIFT_Y, 0.002))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ cramer_rao: The Cramer-Rao bound of each frame's errors, from the truth: what no
     than
 ground_truth: What estimates are compared with: the true circles, or the same circles as a chessboard beside them
     places them
-pose_errors: The metrics: each in one place, with its definition, unit and source
+metric: The metrics: what each number is, in one place
+pose_errors: Errors of a pose and of an ellipse; `validate.metrics.metric` has their names, units and definitions
 sweeps: Where a frame stands in its group's sweep: the same position of two levels is the same frame but for one key
 """

@@ -37,7 +37,7 @@ from roundel.validate.tables.writers import write_tables
 
 SCORES, SUMMARY, PAGE = "scores.parquet", "summary.json", "compare.html"
 # What is read of a report's scores.
-NEEDED = (*KEY, "solved", "distance_m", "normal_bound_deg", "position_bound_m", *(name for name, _, _ in ERRORS))
+NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
 NAMES = ("results", "comparisons", "solved_by_one", "reports")
 
 

@@ -10,7 +10,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy import stats
 
-from roundel.validate.scores.run_statistics import BOUNDED, column
+from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric
+from roundel.validate.scores.run_statistics import BOUNDED
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, holm, resampled_sums
 from roundel.validate.statistics.paired_tests import detectable_effect
 
@@ -18,12 +19,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 Key = tuple[str, str, str]
 
-COMPARED = (
-    "oracle_normal_error_deg",
-    "oracle_position_error_pct",
-    "oracle_reprojection_error_px",
-    "ellipse_centre_error_px",
-)
+COMPARED = (*HEADLINE, ELLIPSE_CENTRE)
 ALPHA = 0.05  # of one wrong statement in the whole family of comparisons
 POWER_ALPHA = 0.01
 POWER = 0.95
@@ -56,11 +52,11 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
         if key == main or key[2] != main[2]:
             continue
         ours, theirs = _shared(tables[main], table)
-        for name in COMPARED:
-            found = _compared(ours, theirs, name)
+        for metric in COMPARED:
+            found = _compared(ours, theirs, metric)
             if found is not None:
                 label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
-                out.append({**label, "metric": name, **found})
+                out.append({**label, "metric": metric.oracle, **found})
     adjusted = holm([entry["p_value"] for entry in out]) if out else np.zeros(0)
     for entry, p in zip(out, adjusted.tolist(), strict=True):
         entry["p_holm"] = p
@@ -84,8 +80,8 @@ def _by_frame(values: Array, frame: Labels) -> Array:
     return np.asarray(np.bincount(np.unique(frame, return_inverse=True)[1], values))
 
 
-def _compared(ours: pa.Table, theirs: pa.Table, name: str) -> dict[str, Any] | None:
-    a, b = column(ours, name), column(theirs, name)
+def _compared(ours: pa.Table, theirs: pa.Table, metric: Metric) -> dict[str, Any] | None:
+    a, b = metric.values(ours), metric.values(theirs)
     both = np.isfinite(a) & np.isfinite(b)
     if not both.any():
         return None
@@ -128,8 +124,8 @@ def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
     for key, table in tables.items():
         label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
         frame = table["frame_id"].to_numpy()
-        for name, error, bound in BOUNDED:
-            value, limit = column(table, error), column(table, bound)
+        for metric in BOUNDED:
+            value, limit = metric.values(table), metric.bounds(table)
             known = np.isfinite(value)
             if not known.any():
                 continue
@@ -138,8 +134,8 @@ def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
             out.append(
                 {
                     **label,
-                    "error": name,
-                    "metric": error,
+                    "error": metric.name,
+                    "metric": metric.oracle,
                     "over_bound": bounded,
                     "alpha": POWER_ALPHA,
                     "power": POWER,

@@ -9,7 +9,18 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.metrics.pose_errors import ELLIPSE_METRICS, POSE_METRICS
+from roundel.validate.metrics.metric import (
+    ELLIPSE_CENTRE,
+    ELLIPSE_METRICS,
+    MSPD,
+    MSSD,
+    NORMAL,
+    POSE_METRICS,
+    POSITION,
+    POSITION_M,
+    Metric,
+    column,
+)
 from roundel.validate.statistics.intervals import (
     LEVEL,
     MIN_SAMPLES,
@@ -23,38 +34,34 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 Statistics = dict[str, Any]
 
-# Errors that have a bound: the name of the ratio, the error and its bound.
-BOUNDED = (
-    ("normal", "oracle_normal_error_deg", "normal_bound_deg"),
-    ("position", "oracle_position_error_m", "position_bound_m"),
-    ("ellipse_centre", "ellipse_centre_error_px", "ellipse_centre_bound_px"),
-)
+# Errors over their bounds, by the metric's name.
+BOUNDED = (NORMAL, POSITION_M, ELLIPSE_CENTRE)
 
 
 @dataclass(frozen=True)
 class Recall:
     """A family of thresholds: the share of circles whose error is below each.
 
-    BOP's ten of MSSD are fractions of the object's diameter, its ten of MSPD pixels of an image 640 px wide.
+    BOP's ten of MSSD are fractions of the object's diameter, its ten of MSPD pixels of an image 640 px wide: these two
+    have a unit of their own.
     """
 
-    name: str
-    title: str
-    unit: str
+    metric: Metric
     thresholds: tuple[float, ...]
+    unit_of_thresholds: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the thresholds."""
+        return self.unit_of_thresholds or self.metric.unit
 
 
 RECALLS = (
-    Recall("normal", "Normal", "deg", (0.1, 0.5, 1.0, 2.0, 5.0)),
-    Recall("position", "Position", "% of distance", (0.1, 0.5, 1.0, 2.0, 5.0)),
-    Recall("mssd", "MSSD", "diameters", tuple(round(0.05 * i, 2) for i in range(1, 11))),
-    Recall("mspd", "MSPD", "px of an image 640 px wide", tuple(5.0 * i for i in range(1, 11))),
+    Recall(NORMAL, (0.1, 0.5, 1.0, 2.0, 5.0)),
+    Recall(POSITION, (0.1, 0.5, 1.0, 2.0, 5.0)),
+    Recall(MSSD, tuple(round(0.05 * i, 2) for i in range(1, 11)), "diameters"),
+    Recall(MSPD, tuple(5.0 * i for i in range(1, 11)), "px of an image 640 px wide"),
 )
-
-
-def column(table: pa.Table, name: str) -> Array:
-    """A numeric column with NaN for null."""
-    return np.asarray(table[name].to_numpy(), dtype=np.float64)
 
 
 def statistics(values: Array, frame: Labels | None = None) -> Statistics:
@@ -133,10 +140,7 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
         [np.nan if b is None else float(b) for b in part["branch_correct"].to_pylist()], dtype=np.float64
     )
     decided = np.isfinite(correct)
-    ratios = {}
-    for name, error, bound in BOUNDED:
-        limit = column(part, bound)
-        ratios[name] = column(part, error) / np.where(limit > 0, limit, np.nan)
+    ratios = {metric.name: metric.over_bound(part) for metric in BOUNDED}
     names = {
         **{("oracle", name): column(part, f"oracle_{name}") for name in POSE_METRICS},
         **{("chosen", name): column(part, name) for name in POSE_METRICS},
@@ -168,30 +172,30 @@ def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
     found and have no reference to be judged by. `chosen` is None where a run never chooses.
     """
     judged = ~np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
-    judged |= np.isfinite(column(part, "oracle_normal_error_deg"))
-    chooses = bool(np.isfinite(column(part, "normal_error_deg")).any())
+    judged |= np.isfinite(NORMAL.values(part))
+    chooses = bool(np.isfinite(NORMAL.values(part, "chosen")).any())
     frame = part["frame_id"].to_numpy()[judged]
     diameter = column(part, "distance_m") / column(part, "distance_D")
     scale = {"mssd": 1 / diameter, "mspd": 640.0 / width_px}
     out: dict[str, Any] = {}
-    for kind, prefix in (("oracle", "oracle_"), ("chosen", "")):
+    for kind in ("oracle", "chosen"):
         if kind == "chosen" and not chooses:
             out[kind] = None
             continue
-        columns = {"normal": "normal_error_deg", "position": "position_error_pct", "mssd": "mssd_m", "mspd": "mspd_px"}
         families, means = {}, {}
         for family in RECALLS:
-            error = (column(part, prefix + columns[family.name]) * scale.get(family.name, 1.0))[judged]
+            name = family.metric.name
+            error = (family.metric.values(part, kind) * scale.get(name, 1.0))[judged]
             # NaN is below nothing.
             hits = error[:, None] < np.array(family.thresholds)
-            means[family.name] = hits.mean(axis=1)
-            families[family.name] = {
-                "title": family.title,
+            means[name] = hits.mean(axis=1)
+            families[name] = {
+                "title": family.metric.title,
                 "unit": family.unit,
                 "levels": [
                     {"threshold": t, **rate(hit, frame)} for t, hit in zip(family.thresholds, hits.T, strict=True)
                 ],
-                "average": _average(means[family.name], frame),
+                "average": _average(means[name], frame),
             }
         # BOP's average is of three errors; its first, VSD, needs depth images.
         out[kind] = {**families, "average_recall": _average((means["mssd"] + means["mspd"]) / 2, frame)}

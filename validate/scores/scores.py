@@ -16,9 +16,8 @@ from roundel.validate.estimates.runs import Run
 from roundel.validate.metrics.bop import mspd_px, mssd_m
 from roundel.validate.metrics.cramer_rao import Bounds, bounds_of
 from roundel.validate.metrics.ground_truth import Targets
+from roundel.validate.metrics.metric import ELLIPSE_METRICS, POSE_METRICS
 from roundel.validate.metrics.pose_errors import (
-    ELLIPSE_METRICS,
-    POSE_METRICS,
     contour_error_px,
     ellipse_centre_offset_px,
     normal_error_deg,

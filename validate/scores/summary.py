@@ -12,11 +12,20 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.validate.metrics.pose_errors import METRIC_VERSION, METRICS
+from roundel.validate.metrics.metric import (
+    HEADLINE,
+    METRIC_VERSION,
+    METRICS,
+    NORMAL,
+    POSITION,
+    POSITION_D,
+    REPROJECTION,
+    column,
+)
 from roundel.validate.metrics.sweeps import sweep_keys
 from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
 from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
-from roundel.validate.scores.run_statistics import column, run_statistics, statistics_of
+from roundel.validate.scores.run_statistics import run_statistics, statistics_of
 from roundel.validate.scores.scores import Scores
 
 Array = NDArray[np.float64]
@@ -30,7 +39,7 @@ _MAX_LEVELS = 60
 CHESSBOARD = "chessboard_pnp"
 
 # What the cells of the grid keep: the paper's three errors.
-CELL_METRICS = ("normal_error_deg", "position_error_D", "position_error_pct", "reprojection_error_px")
+CELL_METRICS = (NORMAL, POSITION_D, POSITION, REPROJECTION)
 
 
 def intrinsics_rank(label: str) -> tuple[int, float, str]:
@@ -115,9 +124,7 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
                         "tilt_deg": t,
                         "n": int(here.sum()),
                         "solved": int((here & solved).sum()),
-                        "oracle": statistics_of(
-                            {n: column(table, f"oracle_{n}")[here] for n in CELL_METRICS}, frame[here]
-                        ),
+                        "oracle": statistics_of({m.column: m.values(table)[here] for m in CELL_METRICS}, frame[here]),
                     }
                 )
     return cells
@@ -185,7 +192,7 @@ def summarise(
         "power": power_of(tables),
         "power_note": POWER_NOTE,
         "calibration": calibration,
-        "metrics": [vars(metric) for metric in METRICS],
+        "metrics": [{key: getattr(metric, key) for key in _DEFINITION} for metric in METRICS],
         "versions": {"validate": versions(), "render": manifest.get("versions")},
     }
 
@@ -254,19 +261,20 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{places}f}" if abs(value) >= 1e-4 else f"{value:.1e}"
 
 
-_HEAD = ("method", "intrinsics", "reference", "solved", "normal deg", "position %", "reproj px", "false")
-_SHOWN = ("normal_error_deg", "position_error_pct", "reprojection_error_px")
+# What summary.json tells of a metric.
+_DEFINITION = ("column", "title", "unit", "frame", "definition", "source", "of")
 
 
 def terminal_table(summary: dict[str, Any]) -> str:
     """The table that the command prints: median and 95th percentile of the oracle's errors."""
-    lines = [_HEAD]
+    head = ("method", "intrinsics", "reference", "solved", *(m.short_label for m in HEADLINE), "false")
+    lines = [head]
     for run in summary["runs"]:
-        pairs = [f"{number(s['median'])} / {number(s['p95'])}" for s in (run["oracle"][name] for name in _SHOWN)]
+        pairs = [f"{number(s['median'])} / {number(s['p95'])}" for s in (run["oracle"][m.column] for m in HEADLINE)]
         solved, false = f"{run['solved']}/{run['n']}", run["false_detections"]
         ends = (solved, *pairs, "" if false is None else str(false))
         lines.append((run["method"], run["intrinsics"], run["reference"], *ends))
-    widths = [max(len(line[i]) for line in lines) for i in range(len(_HEAD))]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(head))]
 
     def aligned(line: tuple[str, ...]) -> str:
         cells = (c.ljust(w) if i < 3 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from roundel.validate.metrics.metric import HEADLINE
 from roundel.validate.tables.table import Cell, Column, Table
 
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis"}
-_TITLES = {
-    "normal": ("Normal", "deg"),
-    "position": ("Position", "% of distance"),
-    "reprojection": ("Reprojection", "px"),
-}
 
 
 def worth_table(record: dict[str, Any] | None) -> Table:
     """A row a part of the image and a kind of intrinsics, from summary["worth"]; no rows where there is none."""
     rows: dict[tuple[str, str], list[Cell]] = {}
     columns = [Column("frames", "Circles"), Column("intrinsics", "Intrinsics")]
-    for i, (error, (title, unit)) in enumerate(_TITLES.items()):
+    for i, metric in enumerate(HEADLINE):
+        error, title, unit = metric.name, metric.title, metric.unit
         for key, role in (("median", ""), ("low", "low"), ("high", "high")):
             columns.append(Column(f"{error}_{key}", title, unit, role))
         columns.append(Column(f"{error}_gain", "Gain", "1"))

@@ -8,6 +8,17 @@ from typing import Any
 
 from roundel.datasets.fidelity.summary import fidelity_lines
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.metrics.metric import (
+    ALONG_RAY,
+    CENTRE_IMAGE,
+    CONTOUR,
+    ELLIPSE_CENTRE,
+    NORMAL,
+    POSITION,
+    POSITION_D,
+    REPROJECTION,
+    Metric,
+)
 from roundel.validate.scores.summary import found_without_pose
 from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import worth_table
@@ -29,19 +40,9 @@ _FRAME = (
 _STATISTIC = "Median, in brackets its 95 % interval, after the slash the 95th percentile, over what was solved."
 _ORACLE = "Oracle: of the two candidate poses the one whose normal is nearer to the true one, for every column."
 
-# What a table of runs shows: key in the statistics, title, unit, factor, sign.
-_ERRORS = (
-    ("normal_error_deg", "normal_error_deg", "Normal", "deg", 1.0, False),
-    ("position_error_pct", "position_error_pct", "Position", "% of distance", 1.0, False),
-    ("position_error_D", "position_error_D", "Position", "D", 1.0, False),
-    ("along_ray_m", "along_ray_mm", "Along ray", "mm", 1000.0, True),
-    ("reprojection_error_px", "reprojection_error_px", "Reprojection", "px", 1.0, False),
-)
-_CONTOUR = ("contour_error_px", "contour_error_px", "Contour", "px", 1.0, False)
-_CENTRES = (
-    ("oracle", ("centre_image_error_px", "centre_image_error_px", "To the circle's", "px", 1.0, False)),
-    ("ellipse", ("ellipse_centre_error_px", "ellipse_centre_error_px", "To the ellipse's", "px", 1.0, False)),
-)
+# What a table of runs shows.
+_ERRORS = (NORMAL, POSITION, POSITION_D, ALONG_RAY, REPROJECTION)
+_CENTRES = (("oracle", CENTRE_IMAGE, "To the circle's"), ("ellipse", ELLIPSE_CENTRE, "To the ellipse's"))
 
 
 def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
@@ -96,10 +97,10 @@ def result_table(runs: Sequence[Run], summary: dict[str, Any], first: Sequence[s
 def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str, first: Sequence[str] = ()) -> Table:
     """Runs and their errors; `first` names keys of the runs that stand before the method."""
     names = [*first] + ["method", "intrinsics"] + ["group"] * any("group" in r for r in runs)
-    errors = [_errors(runs, "ellipse" if e is _CONTOUR else which, e) for e in (*_ERRORS, _CONTOUR)]
+    errors = [_errors(runs, "ellipse" if e.of == "ellipse" else which, e) for e in (*_ERRORS, CONTOUR)]
     # A page is not wide enough for everything: diameters are for files.
     errors = [
-        ([replace(c, role="file") for c in more] if more and "_D" in more[0].key else more, cells)
+        ([replace(c, role="file") for c in more] if more and more[0].unit == POSITION_D.unit else more, cells)
         for more, cells in errors
     ]
     columns: list[Column] = [Column(n, n.capitalize()) for n in names]
@@ -113,7 +114,7 @@ def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str,
         [*(r[n] for n in names), r["solved"], r["n"], _percent(r, "low"), _percent(r, "high")] for r in runs
     ]
     for more, cells in errors:
-        if not more or (more[0].title == "Contour" and which == "chosen"):
+        if not more or (more[0].title == CONTOUR.title and which == "chosen"):
             continue
         columns += more
         for row, cell in zip(rows, cells, strict=True):
@@ -136,8 +137,8 @@ def centre_table(runs: Sequence[Run]) -> Table:
     columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("found", "Found"),
                Column("circles", "", role="of")]  # fmt: skip
     rows: list[list[Cell]] = [[r["method"], r["intrinsics"], r.get("detected"), r["n"]] for r in runs]
-    for which, error in _CENTRES:
-        more, cells = _errors(runs, which, error)
+    for which, error, title in _CENTRES:
+        more, cells = _errors(runs, which, error, title)
         columns += more
         for row, cell in zip(rows, cells or [[]] * len(rows), strict=True):  # no run has this error: no columns
             row += cell
@@ -155,21 +156,21 @@ def _percent(run: Run, end: str) -> float | None:
     return None if value is None else 100 * value
 
 
-def _errors(runs: Sequence[Run], which: str, error: tuple[Any, ...]) -> tuple[list[Column], list[list[Cell]]]:
-    """Columns and cells of one error; none if no run has it."""
-    source, key, title, unit, factor, sign = error
-    found = [run[which].get(source) or {"n": 0} for run in runs]
+def _errors(runs: Sequence[Run], which: str, error: Metric, title: str = "") -> tuple[list[Column], list[list[Cell]]]:
+    """Columns and cells of one error, under its own title if none is given; none if no run has it."""
+    title, sign = title or error.title, error.signed
+    found = [run[which].get(error.column) or {"n": 0} for run in runs]
     if not any(s["n"] for s in found):
         return [], []
     # The sign of an error along the ray is what its 95th percentile, of magnitudes, would hide.
     kinds = [("median", ""), ("median_low", "low"), ("median_high", "high"), ("p95", "file" if sign else "tail")]
     kinds += [(name, "file") for name in ("p95_low", "p95_high", "rms", "rms_low", "rms_high", "n")]
     kinds = [k for k in kinds if any(s.get(k[0]) is not None for s in found)]
-    columns = [Column(f"{key}_{name}", title, unit, role, sign) for name, role in kinds]
+    columns = [Column(f"{error.table_column}_{name}", title, error.table_unit, role, sign) for name, role in kinds]
 
     def cell(s: dict[str, Any], name: str) -> Cell:
         value = s.get(name)
-        return value if value is None or name == "n" else factor * value
+        return value if value is None or name == "n" else error.shown_scale * value
 
     return columns, [[cell(s, name) for name, _ in kinds] for s in found]
 
@@ -214,16 +215,16 @@ def failure_table(summary: dict[str, Any]) -> Table:
 def cell_table(cells: Sequence[Run]) -> Table:
     """The numbers of the figures over a grid."""
     texts = ("method", "intrinsics", "reference", "group")
-    errors = [(key, title, unit) for key, _, title, unit, _, sign in _ERRORS if not sign]
+    errors = [metric for metric in _ERRORS if not metric.signed]
     columns = (
         *(Column(n, "Against" if n == "reference" else n.capitalize()) for n in texts),
         Column("tilt_deg", "Tilt", "deg"), Column("distance_D", "Distance", "D"),
         Column("solved", "Solved"), Column("circles", "", role="of"),
-        *(Column(f"{key}_mean", title, unit) for key, title, unit in errors),
+        *(Column(f"{e.column}_mean", e.title, e.unit) for e in errors),
     )  # fmt: skip
     rows = tuple(
         (*(c[n] for n in texts), c["tilt_deg"], c["distance_D"], c["solved"], c["n"],
-         *(c["oracle"][key]["mean"] for key, _, _ in errors))
+         *(c["oracle"][e.column]["mean"] for e in errors))
         for c in cells
     )  # fmt: skip
     note = f"Means of the better candidate over the solved circles of a cell. {_FRAME}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from roundel.validate.scores.run_statistics import BOUNDED
 from roundel.validate.tables.table import Cell, Column, Table
 
 _RUN = (Column("method", "Method"), Column("intrinsics", "Intrinsics"))
@@ -23,16 +24,16 @@ def statistics_tables(summary: dict[str, Any], runs: Sequence[dict[str, Any]]) -
 
 def efficiency_table(runs: Sequence[dict[str, Any]]) -> Table:
     """Errors over the bounds of their own frames."""
-    errors = (("normal", "Normal"), ("position", "Position"), ("ellipse_centre", "Ellipse centre"))
     columns = list(_RUN)
-    for key, title in errors:
-        columns += [Column(f"{key}_rms_over_bound", title, "RMS / bound")]
+    errors = [metric.name for metric in BOUNDED]
+    for key, metric in zip(errors, BOUNDED, strict=True):
+        columns += [Column(f"{key}_rms_over_bound", metric.title, "RMS / bound")]
         columns += [Column(f"{key}_{end}", "", role=end) for end in ("low", "high")]
         columns += [Column(f"{key}_circles", "", role="file")]
     rows = []
     for run in runs:
         found = run.get("efficiency") or {}
-        cells = [(found.get(key) or {}).get(k) for key, _ in errors for k in ("rms", "rms_low", "rms_high", "n")]
+        cells = [(found.get(key) or {}).get(k) for key in errors for k in ("rms", "rms_low", "rms_high", "n")]
         if any(cells):
             rows.append((run["method"], run["intrinsics"], *cells))
     note = (

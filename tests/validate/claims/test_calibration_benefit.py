@@ -50,7 +50,7 @@ def scores(runs: dict[str, dict[str, np.ndarray]], method: str = "ml", reference
                     "reference": reference,
                     "distance_D": DISTANCE[i],
                     "tilt_deg": TILT[i],
-                    **{e.column: float(errors[e.name][i]) for e in ERRORS},
+                    **{e.oracle: float(errors[e.name][i]) for e in ERRORS},
                 }
             )
     return pa.Table.from_pylist(rows)

@@ -15,7 +15,7 @@ from roundel.scenes.world.frame import total_frames
 from roundel.validate.gate.baseline import read_baseline
 from roundel.validate.gate.gate import Frame
 from roundel.validate.gate.output import replay_command
-from roundel.validate.metrics.pose_errors import METRIC_VERSION
+from roundel.validate.metrics.metric import METRIC_VERSION
 
 RUN = "scaled:1"
 

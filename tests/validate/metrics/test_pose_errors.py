@@ -13,8 +13,8 @@ from roundel.scenes.camera.model import Camera, distort_px, project
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
 from roundel.scenes.geometry.information import contour_information
 from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation, normal_of
+from roundel.validate.metrics.metric import METRICS
 from roundel.validate.metrics.pose_errors import (
-    METRICS,
     _nearest_on_ellipse,
     contour_error_px,
     ellipse_centre_offset_px,

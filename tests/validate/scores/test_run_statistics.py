@@ -63,7 +63,7 @@ def test_a_miss_is_never_dropped(dataset: Dataset, tmp_path: Path) -> None:
     assert run["solved_interval"]["rate"] == 0.75
     assert run["solved_interval"]["low"] < 0.75 < run["solved_interval"]["high"]
     for family in RECALLS:
-        found = run["recall"]["oracle"][family.name]
+        found = run["recall"]["oracle"][family.metric.name]
         # Perfect where found, and a miss in every fourth circle, at every threshold.
         assert [level["rate"] for level in found["levels"]] == [0.75] * len(family.thresholds)
         assert found["levels"][0]["n"] == 72

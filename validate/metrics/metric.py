@@ -1,0 +1,279 @@
+"""The metrics: what each number is, in one place. Every table, figure, claim and check of the gate reads it here."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Raised when a definition changes: scores of different versions are not compared.
+METRIC_VERSION = 3
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What a number is: its column, its name for people, unit, frame, definition, source, bound.
+
+    Attributes
+    ----------
+    column : str
+        Of scores.parquet. A metric of a pose has a second column, `oracle_` before the name, for the candidate nearer
+        to the truth.
+    title, unit : str
+        For people.
+    frame, definition, source : str
+        In which frame it is measured, its formula in words, and where that comes from.
+    of : {"pose", "ellipse"}
+        What is measured; both candidates share the ellipse.
+    signed : bool
+        Whether it may be negative.
+    shown_unit, shown_scale : str, float
+        Where people read it in another unit than the column's: that unit, and its number in one of the column's.
+    bound, bound_per, bound_scale : str, str, float
+        Column of the frame's Cramer-Rao bound, the column it is divided by, and a factor; empty where there is none.
+    """
+
+    column: str
+    title: str
+    unit: str
+    frame: str
+    definition: str
+    source: str
+    of: str = "pose"
+    signed: bool = False
+    shown_unit: str = ""
+    shown_scale: float = 1.0
+    bound: str = ""
+    bound_per: str = ""
+    bound_scale: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The column without its unit: `normal`, `position`, `ellipse_centre`."""
+        return re.sub(r"(_error)?_(deg|m|D|pct|px|bounds)$", "", self.column)
+
+    @property
+    def oracle(self) -> str:
+        """Column of the candidate nearer to the truth."""
+        return f"oracle_{self.column}" if self.of == "pose" else self.column
+
+    @property
+    def table_unit(self) -> str:
+        """Unit in which people read it."""
+        return self.shown_unit or self.unit
+
+    @property
+    def table_column(self) -> str:
+        """Name of the column in the unit in which people read it."""
+        return re.sub(rf"_{self.unit}$", f"_{self.shown_unit}", self.column) if self.shown_unit else self.column
+
+    @property
+    def words(self) -> str:
+        """The title within a sentence."""
+        return self.title if self.title.isupper() else self.title[0].lower() + self.title[1:]
+
+    @property
+    def label(self) -> str:
+        """Label of an axis, or of a row of several errors."""
+        return f"{self.words} [{self.unit}]"
+
+    @property
+    def short_label(self) -> str:
+        """Label of a column of a terminal."""
+        return f"{self.words} {self.unit.split()[0]}"
+
+    @property
+    def suffix(self) -> str:
+        """The unit as it stands behind a number."""
+        return {"deg": "\N{DEGREE SIGN}", "% of distance": " %"}.get(self.unit, f" {self.unit}")
+
+    def values(self, table: pa.Table, which: str = "oracle") -> Array:
+        """(n,) values in `unit`, NaN where there are none; `which` is `oracle` or `chosen`."""
+        return column(table, self.oracle if which == "oracle" else self.column)
+
+    def bounds(self, table: pa.Table) -> Array:
+        """(n,) Cramer-Rao bounds in `unit`; NaN where there are none."""
+        if not self.bound:
+            return np.full(table.num_rows, np.nan)
+        bound = self.bound_scale * column(table, self.bound)
+        return bound / column(table, self.bound_per) if self.bound_per else bound
+
+    def over_bound(self, table: pa.Table) -> Array:
+        """(n,) values of the better candidate over their bounds; NaN where there is no positive bound."""
+        values, bound = self.values(table), self.bounds(table)
+        return np.asarray(np.divide(values, bound, out=np.full(len(values), np.nan), where=bound > 0))
+
+
+def column(table: pa.Table, name: str) -> Array:
+    """A numeric column with NaN for null."""
+    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+_PAPER = "Mariyanayagam et al., Pose estimation of a single circle using default intrinsic calibration, section V"
+_OWN = "Roundel"
+_BOP = "Hodan et al., BOP Challenge 2020 on 6D object localization, section 2.2"
+
+NORMAL = Metric(
+    "normal_error_deg",
+    "Normal",
+    "deg",
+    "camera",
+    "Angle between the estimated and the true normal, atan2(|a x b|, a . b).",
+    _PAPER,
+    bound="normal_bound_deg",
+)
+POSITION_M = Metric(
+    "position_error_m",
+    "Position",
+    "m",
+    "camera",
+    "Distance between the estimated and the true centre.",
+    _PAPER,
+    bound="position_bound_m",
+)
+POSITION_D = Metric(
+    "position_error_D",
+    "Position",
+    "D",
+    "camera",
+    "The same, in marker diameters.",
+    _PAPER,
+)
+POSITION = Metric(
+    "position_error_pct",
+    "Position",
+    "% of distance",
+    "camera",
+    "The same, in percent of the true distance.",
+    _OWN,
+    bound="position_bound_m",
+    bound_per="distance_m",
+    bound_scale=100.0,
+)
+ALONG_RAY = Metric(
+    "along_ray_m",
+    "Along the ray",
+    "m",
+    "true ray",
+    "Signed part of it along the true ray; positive: too far.",
+    _OWN,
+    signed=True,
+    shown_unit="mm",
+    shown_scale=1000.0,
+)
+ACROSS_RAY = Metric(
+    "across_ray_m",
+    "Across the ray",
+    "m",
+    "true ray",
+    "Length of the part of it across the true ray.",
+    _OWN,
+)
+REPROJECTION = Metric(
+    "reprojection_error_px",
+    "Reprojection",
+    "px",
+    "delivered image",
+    "Mean over a 3x3 grid in the marker's plane of the distance between its true image and the image of the "
+    "estimated grid through the intrinsics that the estimate used; in-plane rotation by the minimal rotation.",
+    _PAPER,
+)
+CENTRE_IMAGE = Metric(
+    "centre_image_error_px",
+    "Centre's image",
+    "px",
+    "delivered image",
+    "Distance between the image of the circle's centre and that of the estimated one through the intrinsics that "
+    "the estimate used; of a method without poses, the point that it gives.",
+    _OWN,
+)
+POSE = Metric(
+    "pose_error_bounds",
+    "Pose",
+    "bounds",
+    "true marker",
+    "sqrt(e^T F e / 5): e holds the rotation about the marker's X and Y axes from the true normal to the estimated "
+    "one and the error of the centre, F is the frame's Fisher information; about 1 for an efficient method.",
+    "Mahalanobis 1936; F as in scenes/geometry/information.py",
+)
+MSSD = Metric(
+    "mssd_m",
+    "MSSD",
+    "m",
+    "camera",
+    "Maximum symmetry-aware surface distance: the largest distance between corresponding points of the true and "
+    "the estimated rim, at the turn about the disc's normal that makes it least.",
+    _BOP,
+)
+MSPD = Metric(
+    "mspd_px",
+    "MSPD",
+    "px",
+    "delivered image",
+    "Maximum symmetry-aware projection distance: the same in the image, both rims seen by the true camera, "
+    "whatever intrinsics the estimate used.",
+    _BOP,
+)
+ELLIPSE_CENTRE = Metric(
+    "ellipse_centre_error_px",
+    "Ellipse centre",
+    "px",
+    "delivered image",
+    "Distance between the centres of the estimated and the true ellipse.",
+    _OWN,
+    of="ellipse",
+    bound="ellipse_centre_bound_px",
+)
+CONTOUR = Metric(
+    "contour_error_px",
+    "Contour",
+    "px",
+    "delivered image",
+    "Mean distance from the true contour to its nearest point on the estimated ellipse.",
+    _OWN,
+    of="ellipse",
+    bound="ellipse_centre_bound_px",
+)
+METRICS: tuple[Metric, ...] = (
+    NORMAL,
+    POSITION_M,
+    POSITION_D,
+    POSITION,
+    ALONG_RAY,
+    ACROSS_RAY,
+    REPROJECTION,
+    CENTRE_IMAGE,
+    POSE,
+    MSSD,
+    MSPD,
+    ELLIPSE_CENTRE,
+    CONTOUR,
+)
+
+# The shift of the ellipse's centre, which the gate watches: a convention that slips by half a pixel shows here.
+SHIFT_X, SHIFT_Y = (
+    Metric(
+        f"ellipse_centre_{axis}_error_px",
+        f"Shift of the ellipse centre in {axis}",
+        "px",
+        "delivered image",
+        f"Difference of the {axis} coordinates of the estimated and the true ellipse's centre.",
+        _OWN,
+        of="ellipse",
+        signed=True,
+    )
+    for axis in ("x", "y")
+)
+
+# What a page leads with: one error of each kind, lengths in percent of the distance.
+HEADLINE: tuple[Metric, ...] = (NORMAL, POSITION, REPROJECTION)
+# The paper's figures, whose unit of length is the marker's diameter.
+PAPER: tuple[Metric, ...] = (NORMAL, POSITION_D, REPROJECTION)
+
+POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "pose")
+ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "ellipse")
