@@ -32,8 +32,9 @@ def texts(svg: str) -> list[str]:
 def test_what_was_varied_and_what_went_wrong(table: pa.Table) -> None:
     (picture,) = matrix_pictures(table, "ml", "true")
     shown = texts(picture.svg)
-    for label in ("distance [D]", "tilt [deg]", "azimuth [deg]", "image x [px]", "normal [deg]",
-                  "position [% of distance]", "reprojection [px]", "ellipse centre [px]", "not solved [%]"):  # fmt: skip
+    for label in ("distance [D]", "tilt [deg]", "azimuth [deg]", "image x [px]",
+                  "normal [deg]", "position [% of distance]", "reprojection [px]",
+                  "ellipse centre [px]", "not solved [%]"):  # fmt: skip
         assert label in shown
     # Half a pixel of aim is no variation.
     assert "image y [px]" not in shown
