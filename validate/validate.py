@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import POINTS, check_no_dataset, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibration_summary
-from roundel.validate.calibration.chessboard_reference import reference_of
+from roundel.validate.calibration.chessboard_reference import Reference, reference_of
 from roundel.validate.calibration.opencv import (
     BoardView,
     calibrate_views,
@@ -28,13 +29,13 @@ from roundel.validate.calibration.opencv import (
     look_for_boards,
     read_camera,
 )
-from roundel.validate.calibration.study_calibrations import several_calibrations
-from roundel.validate.claims.calibration_benefit import off_axis_deg, worth_of
+from roundel.validate.calibration.study_calibrations import Calibrations, several_calibrations
+from roundel.validate.claims.calibration_benefit import Worth, off_axis_deg, worth_of
 from roundel.validate.claims.calibration_benefit_text import worth_record
 from roundel.validate.claims.robustness import sweep_summary, sweeps_of
-from roundel.validate.claims.verdicts import verdicts_of
+from roundel.validate.claims.verdicts import Verdict, verdict_record, verdicts_of
 from roundel.validate.estimates.reader import find_estimates
-from roundel.validate.estimates.runs import read_runs
+from roundel.validate.estimates.runs import Run, read_runs
 from roundel.validate.figures.calibration import calibration_pictures
 from roundel.validate.figures.calibration_benefit import worth_picture
 from roundel.validate.figures.error_curves import pictures
@@ -44,12 +45,13 @@ from roundel.validate.figures.robustness import sweep_pictures
 from roundel.validate.figures.side_by_side import entries_of, method_pairs, pair_tables, side_by_side_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
-from roundel.validate.metrics.ground_truth import true_targets
+from roundel.validate.metrics.ground_truth import Targets, true_targets
 from roundel.validate.report.report import Pictures, render_report
 from roundel.validate.report.summary_text import main_run
 from roundel.validate.scores.scores import Scores, score, sorted_scores
-from roundel.validate.scores.summary import summarise
+from roundel.validate.scores.summary import Summary, summarise, summary_record
 from roundel.validate.tables.report import NAMES, report_tables
+from roundel.validate.tables.table import Table
 from roundel.validate.tables.writers import write_tables
 
 SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
@@ -62,7 +64,7 @@ def validate_dataset(
     extent_D: float = 3.0,
     camera_path: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Any]:
+) -> Summary:
     """Score estimates and write the report.
 
     Parameters
@@ -81,7 +83,7 @@ def validate_dataset(
 
     Returns
     -------
-    dict
+    Summary
         What summary.json holds.
 
     Raises
@@ -93,67 +95,128 @@ def validate_dataset(
     NotComparableError
         If the estimates are of other frames, or there is nothing to score.
     """
-    if not 0 < extent_D < float("inf"):
-        raise UsageError(f"the extent of the reprojection grid must be a positive number of diameters, not {extent_D}")
     out = Path(out_path)
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out}: is a file; name a folder for the report")
-    check_no_dataset(out)
+    _check_arguments(out, extent_D)
     dataset = open_dataset(dataset_path)
     files = [find_estimates(path) for path in estimates_paths]
     runs = read_runs(files, dataset)
-    camera = None if camera_path is None else read_camera(camera_path)
-    label = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
     targets = true_targets(dataset, extent_D)
     views = look_for_boards(dataset.images, progress=progress)
-    reference = reference_of(dataset, views, targets, camera, label) if views else None
-    scores = score(dataset, targets, runs, reference.circles if reference else None)
-    if reference and reference.rows.num_rows:
-        table = sorted_scores(pa.concat_tables([scores.table, reference.rows]))
-        scores = Scores(table, scores.false_detections, scores.matched)
+    camera = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
+    reference = _reference(dataset, views, targets, camera_path, camera)
+    scores = _scored(dataset, targets, runs, reference)
+    calibrations = _calibrations(dataset, views)
+    benefit = worth_of(scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None)
+    verdicts = verdicts_of(scores.table, dataset.study)
     settings = {
         "reprojection_extent_D": float(extent_D),
-        "reference_intrinsics": label if views else None,
+        "reference_intrinsics": camera if views else None,
         "solve": dataset.study.get("solve"),
     }
-    # What files of others leave out is in the record, not in the settings: it makes no two reports unlike.
-    filled = {f"{run.method}, {run.intrinsics}": list(run.filled) for run in runs if run.filled}
+    written = _parquet(scores.table)
+    summary = replace(
+        summarise(dataset, scores, settings, calibrations.whole),
+        filled_in={f"{run.method}, {run.intrinsics}": list(run.filled) for run in runs if run.filled},
+        calibrations=calibrations.several.records if calibrations.several else [],
+        calibration_subsets=calibrations.several.subsets if calibrations.several else [],
+        worth=worth_record(benefit) if benefit else None,
+        sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
+        verdicts=[verdict_record(verdict) for verdict in verdicts],
+        checksums=_checksums(dataset, files, written),
+    )
+    pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
+    compared = _compared(scores, summary)
+    html = render_report(summary, pictures, worst(dataset, scores), compared)
+    write_file(out / SCORES, written)
+    write_file(out / SUMMARY, (json.dumps(summary_record(summary), indent=1, allow_nan=False) + "\n").encode())
+    write_file(out / REPORT, html.encode())
+    write_figures(out, pictures.all())
+    write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
+    return summary
+
+
+@dataclass(frozen=True)
+class _Calibrations:
+    """OpenCV's calibration from all views of the study's group, and those from the numbers of views it asks for."""
+
+    whole: dict[str, Any] | None
+    several: Calibrations | None
+
+
+def _check_arguments(out: Path, extent_D: float) -> None:
+    if not 0 < extent_D < float("inf"):
+        raise UsageError(f"the extent of the reprojection grid must be a positive number of diameters, not {extent_D}")
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; name a folder for the report")
+    check_no_dataset(out)
+
+
+def _reference(
+    dataset: Dataset, views: list[BoardView], targets: Targets, camera_path: str | Path | None, label: str
+) -> Reference | None:
+    """The poses of the chessboards, as a second reference; None without boards."""
+    # Read even where no board needs it: a file that is not there is an error all the same.
+    camera = None if camera_path is None else read_camera(camera_path)
+    if not views:
+        return None
+    return reference_of(dataset, views, targets, camera, label)
+
+
+def _scored(dataset: Dataset, targets: Targets, runs: list[Run], reference: Reference | None) -> Scores:
+    """Scores against the truth and the chessboards, and of the chessboards' own poses."""
+    scores = score(dataset, targets, runs, reference.circles if reference else None)
+    if reference is None or not reference.rows.num_rows:
+        return scores
+    table = sorted_scores(pa.concat_tables([scores.table, reference.rows]))
+    return Scores(table, scores.false_detections, scores.matched)
+
+
+def _calibrations(dataset: Dataset, views: list[BoardView]) -> _Calibrations:
     mine = _calibration_views(dataset, views)
-    summary = summarise(dataset, scores, settings, _calibration(dataset, mine))
-    summary["filled_in"] = filled
-    calibrations = several_calibrations(dataset, mine, (dataset.study.get("solve") or {}).get("intrinsics", ()))
-    summary["calibrations"] = calibrations.records if calibrations else []
-    summary["calibration_subsets"] = calibrations.subsets if calibrations else []
-    worth = worth_of(scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None)
-    summary["worth"] = worth_record(worth) if worth else None
-    summary["sweeps"] = sweep_summary(sweeps_of(scores.table, dataset.study))
-    summary["verdicts"] = verdicts_of(scores.table, dataset.study)
+    asked = (dataset.study.get("solve") or {}).get("intrinsics", ())
+    return _Calibrations(_calibration(dataset, mine), several_calibrations(dataset, mine, asked))
+
+
+def _pictures(
+    dataset: Dataset,
+    scores: Scores,
+    summary: Summary,
+    benefit: Worth | None,
+    verdicts: list[Verdict],
+    calibrations: _Calibrations,
+) -> Pictures:
+    """Every figure of the report."""
+    main = main_run(summary)
+    return Pictures(
+        lead=[worth_picture(benefit)] if benefit else [],
+        verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
+        errors=pictures(scores.table, main["method"]),
+        sweeps=sweep_pictures(summary.sweeps),
+        matrix=matrix_pictures(scores.table, main["method"], main["intrinsics"]),
+        comparison=side_by_side_pictures(entries_of(scores.table, summary.runs), "Methods and intrinsics side by side"),
+        calibration=calibration_pictures(calibrations.several),
+    )
+
+
+def _compared(scores: Scores, summary: Summary) -> list[Table]:
+    """Tables of the methods against the one that the report leads with."""
+    return pair_tables(method_pairs(entries_of(scores.table, summary.runs), main_run(summary)["method"]))
+
+
+def _parquet(table: pa.Table) -> bytes:
     sink = io.BytesIO()
-    pq.write_table(scores.table, sink, compression="zstd")
-    summary["checksums"] = {
-        SCORES: sha256(sink.getvalue()),
+    pq.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[str, str]:
+    """sha256 of the scores, of what they were made from, and of all images together."""
+    return {
+        SCORES: sha256(scores),
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
         **{name: record["sha256"] for name, record in dataset.manifest["files"].items() if "/" not in name},
         "images": _digest_of_images(dataset),
     }
-    main, entries = main_run(summary), entries_of(scores.table, summary["runs"])
-    drawn = Pictures(
-        lead=[worth_picture(worth)] if worth else [],
-        verdicts=verdict_pictures(scores.table, dataset.study, summary["verdicts"]),
-        errors=pictures(scores.table, main["method"]),
-        sweeps=sweep_pictures(summary["sweeps"]),
-        matrix=matrix_pictures(scores.table, main["method"], main["intrinsics"]),
-        comparison=side_by_side_pictures(entries, "Methods and intrinsics side by side"),
-        calibration=calibration_pictures(calibrations),
-    )
-    compared = pair_tables(method_pairs(entries, main["method"]))
-    html = render_report(summary, drawn, worst(dataset, scores), compared)
-    write_file(out / SCORES, sink.getvalue())
-    write_file(out / SUMMARY, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
-    write_file(out / REPORT, html.encode())
-    write_figures(out, drawn.all())
-    write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
-    return summary
 
 
 def _digest_of_images(dataset: Dataset) -> str:

@@ -48,6 +48,10 @@ class Finding:
         Whether it is the claim itself, or stands beside it.
     words : str
         The statistic as a clause, with `{}` for the number and its interval.
+    p_adjusted : float or None
+        `p` after Holm's correction over all statistics of a report; None before it.
+    holds : bool or None
+        What the number decides; None where it is not sure, or before the correction.
     """
 
     where: str
@@ -63,6 +67,8 @@ class Finding:
     reason: str = ""
     main: bool = True
     words: str = "{}"
+    p_adjusted: float | None = None
+    holds: bool | None = None
 
     def text(self) -> str:
         """The statistic as a clause."""

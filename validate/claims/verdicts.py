@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pyarrow as pa
@@ -40,69 +40,37 @@ CLAIMS: tuple[Callable[[Sequence[Setting]], Claim | None], ...] = (
 
 
 @dataclass(frozen=True)
-class Side:
-    """A statistic and what it decides: `Finding` with the family's correction.
-
-    `holds` is None where the frames do not decide; `p` is Holm's.
-    """
-
-    where: str
-    on_axis: bool
-    main: bool
-    statistic: str
-    value: float | None
-    low: float | None
-    high: float | None
-    n: int
-    region: str
-    p: float | None
-    holds: bool | None
-    reason: str
-
-
-@dataclass(frozen=True)
 class Verdict:
     """What these frames say about a claim of the paper.
 
     Attributes
     ----------
-    key, claim, source : str
-        The claim in our words, and where the paper makes it.
+    claim : Claim
+        With its findings decided: groups, on and off the axis, the strict reading and the lenient one; the paper's own
+        setting first.
     outcome : str
         `HOLDS`, `CONDITION`, `FALSE` or `OPEN`.
-    sentence : str
-        The outcome's reason, with the numbers.
-    settings : list of {where, text}
-        The same by setting; where there is one alone, it has no name.
-    condition : str
-        Under which it is true.
-    statistic, value, low, high, p, n
-        Of the first side: the paper's own setting.
-    sides : list of Side
-        Every statistic: groups, on and off the axis, the strict reading and the lenient one.
-    picture : str
-        Name of its figure.
+    settings : tuple of (str, str)
+        The outcome's reason by setting: the setting's name (empty where there is one alone), and sentences.
     """
 
-    key: str
-    claim: str
-    source: str
+    claim: Claim
     outcome: str
-    sentence: str
-    settings: list[dict[str, str]]
-    condition: str
-    statistic: str
-    value: float | None
-    low: float | None
-    high: float | None
-    p: float | None
-    n: int
-    sides: list[Side]
-    picture: str
+    settings: tuple[tuple[str, str], ...]
+
+    @property
+    def sentence(self) -> str:
+        """The outcome's reason, with the numbers."""
+        return " ".join(f"{where}: {text}" if where else text for where, text in self.settings)
+
+    @property
+    def picture(self) -> str:
+        """Name of its figure."""
+        return f"verdict-{self.claim.key}"
 
 
-def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[dict[str, Any]]:
-    """Verdicts of a report, as plain JSON.
+def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[Verdict]:
+    """Verdicts of a report.
 
     Parameters
     ----------
@@ -113,74 +81,46 @@ def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[dict[str, Any]]:
 
     Returns
     -------
-    list of dict
-        `Verdict` records. Empty where the study asks nothing that the paper claims: no calibrated beside an
-        uncalibrated case, no marker on the optical axis, a sweep over a nuisance.
+    list of Verdict
+        Empty where the study asks nothing that the paper claims: no calibrated beside an uncalibrated case, no marker
+        on the optical axis, a sweep over a nuisance.
 
     Notes
     -----
-    All statistics of a report are one family: Holm's correction keeps the chance of any wrong side below 5 %.
+    All statistics of a report are one family: Holm's correction keeps the chance of any wrong decision below 5 %.
     """
     settings = settings_of(table, study)
     claims = [claim for make in CLAIMS if (claim := make(settings)) is not None]
-    findings = [f for claim in claims for f in claim.findings]
-    tested = [f.p for f in findings if f.p is not None]
+    tested = [f.p for claim in claims for f in claim.findings if f.p is not None]
     adjusted = iter(holm(tested).tolist() if tested else [])
-    sides = iter([_side(f, next(adjusted) if f.p is not None else None) for f in findings])
-    return [asdict(_verdict(claim, [next(sides) for _ in claim.findings])) for claim in claims]
+    return [
+        _verdict(replace(c, findings=[decided(f, next(adjusted) if f.p is not None else None) for f in c.findings]))
+        for c in claims
+    ]
 
 
-def _side(f: Finding, p: float | None) -> Side:
-    decided = p is not None and p < ALPHA
-    many = f.p is not None and f.p < ALPHA  # sure, were it the only one
-    why = "it is not sure among all the report's statistics" if many else "the interval reaches over the border"
-    reason = f.reason or ("" if decided else why)
-    return Side(
-        f.where,
-        f.on_axis,
-        f.main,
-        f.statistic,
-        f.value,
-        f.low,
-        f.high,
-        f.n,
-        f.region,
-        p,
-        f.inside if decided else None,
-        reason,
-    )
+def decided(finding: Finding, p_adjusted: float | None) -> Finding:
+    """A finding with what it decides at the level `ALPHA`, and why not where it does not."""
+    sure = p_adjusted is not None and p_adjusted < ALPHA
+    alone = finding.p is not None and finding.p < ALPHA  # sure, were it the only one
+    why = "it is not sure among all the report's statistics" if alone else "the interval reaches over the border"
+    reason = finding.reason or ("" if sure else why)
+    return replace(finding, p_adjusted=p_adjusted, holds=finding.inside if sure else None, reason=reason)
 
 
-def _verdict(claim: Claim, sides: list[Side]) -> Verdict:
-    first, settings = sides[0], _by_setting(claim, sides)
-    return Verdict(
-        claim.key,
-        claim.claim,
-        claim.source,
-        _outcome(sides, claim.conditional),
-        " ".join(f"{one['where']}: {one['text']}" if one["where"] else one["text"] for one in settings),
-        settings,
-        claim.condition,
-        first.statistic,
-        first.value,
-        first.low,
-        first.high,
-        first.p,
-        first.n,
-        sides,
-        f"verdict-{claim.key}",
-    )
+def _verdict(claim: Claim) -> Verdict:
+    return Verdict(claim, _outcome(claim), _by_setting(claim))
 
 
-def _outcome(sides: Sequence[Side], conditional: bool) -> str:
-    """The claim itself, on the axis, decides; sides beside it make a condition of what they contradict."""
-    own = [s.holds for s in sides if s.main and s.on_axis]
-    beside = [s.holds for s in sides if not (s.main and s.on_axis)]
+def _outcome(claim: Claim) -> str:
+    """The claim itself, on the axis, decides; findings beside it make a condition of what they contradict."""
+    own = [f.holds for f in claim.findings if f.main and f.on_axis]
+    beside = [f.holds for f in claim.findings if not (f.main and f.on_axis)]
     if all(h is None for h in own):
         return OPEN
     said = {h for h in (*own, *beside) if h is not None}
     if said == {True}:
-        return CONDITION if conditional else HOLDS
+        return CONDITION if claim.conditional else HOLDS
     if said == {False}:
         return FALSE
     return CONDITION
@@ -189,22 +129,48 @@ def _outcome(sides: Sequence[Side], conditional: bool) -> str:
 _WORDS = {True: "holds", False: "does not hold", None: "not decided"}
 
 
-def _by_setting(claim: Claim, sides: Sequence[Side]) -> list[dict[str, str]]:
+def _by_setting(claim: Claim) -> tuple[tuple[str, str], ...]:
     """Every statistic as a sentence, under its setting's name where there are several."""
-    settings = list(dict.fromkeys(s.where for s in sides))
+    settings = list(dict.fromkeys(f.where for f in claim.findings))
     parts = []
     for where in settings:
-        text = " ".join(_clause(f, s) for f, s in zip(claim.findings, sides, strict=True) if s.where == where)
+        text = " ".join(_clause(f) for f in claim.findings if f.where == where)
         text += "".join(f" {remark}" for name, remark in claim.remarks if name == where)
-        parts.append({"where": where if len(settings) > 1 else "", "text": text})
-    return parts
+        parts.append((where if len(settings) > 1 else "", text))
+    return tuple(parts)
 
 
-def _clause(finding: Finding, side: Side) -> str:
+def _clause(finding: Finding) -> str:
     """A statistic: the number with its interval, what was asked of it, what follows."""
-    if side.p is None:
+    if finding.p_adjusted is None:
         return f"{finding.text()}."
-    p = "p < 0.0001" if side.p < 1e-4 else f"p = {side.p:.2g}"
-    why = f", as {side.reason}" if side.holds is None else ""
+    p = "p < 0.0001" if finding.p_adjusted < 1e-4 else f"p = {finding.p_adjusted:.2g}"
+    why = f", as {finding.reason}" if finding.holds is None else ""
     text = finding.text()
-    return f"{text[:1].upper()}{text[1:]} (asked: {finding.region}; {p}): {_WORDS[side.holds]}{why}."
+    return f"{text[:1].upper()}{text[1:]} (asked: {finding.region}; {p}): {_WORDS[finding.holds]}{why}."
+
+
+# What summary.json tells of each finding.
+_FINDING = ("where", "on_axis", "main", "statistic", "value", "low", "high", "n", "region", "holds", "reason")
+
+
+def verdict_record(verdict: Verdict) -> dict[str, Any]:
+    """A verdict as summary.json has it: plain values; those of the first finding, and all of them as `sides`."""
+    claim, first = verdict.claim, verdict.claim.findings[0]
+    return {
+        "key": claim.key,
+        "claim": claim.claim,
+        "source": claim.source,
+        "outcome": verdict.outcome,
+        "sentence": verdict.sentence,
+        "settings": [{"where": where, "text": text} for where, text in verdict.settings],
+        "condition": claim.condition,
+        "statistic": first.statistic,
+        "value": first.value,
+        "low": first.low,
+        "high": first.high,
+        "p": first.p_adjusted,
+        "n": first.n,
+        "sides": [{**{key: getattr(f, key) for key in _FINDING}, "p": f.p_adjusted} for f in claim.findings],
+        "picture": verdict.picture,
+    }

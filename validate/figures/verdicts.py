@@ -14,6 +14,7 @@ from roundel.validate.claims.conditions import NORMAL, POSITION, REPROJECTION, S
 from roundel.validate.claims.normal import SAME_DEG, added
 from roundel.validate.claims.position import predicted_D
 from roundel.validate.claims.reprojection import NEAR, ratios_over_distance
+from roundel.validate.claims.verdicts import Verdict
 from roundel.validate.figures.svg import Picture, add_legend, colour, draw_svg, marker
 from roundel.validate.figures.verdict_curves import (
     BANDS,
@@ -38,7 +39,7 @@ _MAX_PANELS = 3
 _FAR_DEG = 5.0
 
 
-def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[dict[str, Any]]) -> list[Picture]:
+def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[Verdict]) -> list[Picture]:
     """A picture for each verdict, named as the verdict names it.
 
     Parameters
@@ -47,13 +48,13 @@ def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[
         Scores.
     study : dict
         The resolved study.
-    verdicts : sequence of dict
+    verdicts : sequence of Verdict
         From `verdicts_of` of the same table and study.
     """
     if not verdicts:
         return []
     settings = settings_of(table, study)
-    return [_FIGURES[v["key"]](v["picture"], v["claim"], _shown_settings(v["key"], settings)) for v in verdicts]
+    return [_FIGURES[v.claim.key](v.picture, v.claim.claim, _shown_settings(v.claim.key, settings)) for v in verdicts]
 
 
 def _shown_settings(key: str, settings: Sequence[Setting]) -> list[Setting]:

@@ -10,7 +10,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -28,9 +27,9 @@ from roundel.validate.figures.side_by_side import (
     side_by_side_pictures,
 )
 from roundel.validate.figures.writers import write_figures
-from roundel.validate.report.html import Tables, figures, fill, presentable
+from roundel.validate.report.html import Tables, figures, fill, presentable_summary
 from roundel.validate.scores.scores import KEY
-from roundel.validate.scores.summary import SCHEMA, versions
+from roundel.validate.scores.summary import SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
 from roundel.validate.tables.table import NAME_LIMIT, Table, clean
 from roundel.validate.tables.writers import write_tables
@@ -46,13 +45,13 @@ class Report:
     """A report read back: what it is called on the page, its summary and its scores."""
 
     label: str
-    summary: dict[str, Any]
+    summary: Summary
     scores: pa.Table
 
     @property
     def dataset_id(self) -> str:
         """Identity of the scenes."""
-        return str(self.summary["dataset"]["dataset_id"])
+        return str(self.summary.dataset["dataset_id"])
 
 
 def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[str]:
@@ -91,7 +90,7 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
         raise UsageError("compare: the same report is given twice")
     reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
     _check(reports, folders)
-    entries = [entries_of(r.scores, r.summary["runs"], r.label) for r in reports]
+    entries = [entries_of(r.scores, r.summary.runs, r.label) for r in reports]
     found = [_results(reports), *pair_tables(_pairs(reports, entries)), _sources(reports)]
     tables = {table.name: table for table in found}
     said = _sentences(reports, tables)
@@ -125,19 +124,23 @@ def read_report(folder: Path, label: str) -> Report:
     if not (folder / SUMMARY).is_file() or not (folder / SCORES).is_file():
         raise UsageError(f"{folder}: is no report; name a folder that `roundel validate` wrote")
     try:
-        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+        raw = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         data = (folder / SCORES).read_bytes()
         scores = pq.read_table(io.BytesIO(data))
     except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
         raise DataError(f"{folder}: a file of this report is damaged; validate it anew") from error
-    if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
+    if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
         raise NotComparableError(f"{folder}: written by another version of Roundel; validate it anew")
-    if (summary.get("checksums") or {}).get(SCORES) != sha256(data):
+    try:
+        summary = Summary(**raw)
+    except TypeError as error:
+        raise NotComparableError(f"{folder}: written by another version of Roundel; validate it anew") from error
+    if (summary.checksums or {}).get(SCORES) != sha256(data):
         raise DataError(f"{folder}: {SCORES} is not the one that {SUMMARY} was made from; validate it anew")
     missing = [name for name in NEEDED if name not in scores.column_names]
     if missing:
         raise NotComparableError(f"{folder}: its scores have no {missing[0]}; validate it anew")
-    return Report(label, presentable(summary), scores)
+    return Report(label, presentable_summary(summary), scores)
 
 
 def labels_of(folders: Sequence[Path]) -> list[str]:
@@ -154,12 +157,12 @@ def _check(reports: Sequence[Report], folders: Sequence[Path]) -> None:
     first = reports[0].summary
     for report, folder in zip(reports[1:], folders[1:], strict=True):
         mine = report.summary
-        if mine["metric_version"] != first["metric_version"]:
+        if mine.metric_version != first.metric_version:
             raise NotComparableError(
-                f"{folder}: its metrics are of version {mine['metric_version']}, those of {folders[0]} of version "
-                f"{first['metric_version']}; validate both with one Roundel"
+                f"{folder}: its metrics are of version {mine.metric_version}, those of {folders[0]} of version "
+                f"{first.metric_version}; validate both with one Roundel"
             )
-        a, b = (s["settings"]["reprojection_extent_D"] for s in (first, mine))
+        a, b = (s.settings["reprojection_extent_D"] for s in (first, mine))
         if a != b:
             raise NotComparableError(
                 f"{folder}: its reprojection reaches {b:g} D, that of {folders[0]} {a:g} D; validate both with one "
@@ -185,9 +188,9 @@ def _pairs(reports: Sequence[Report], entries: Sequence[Sequence[Entry]]) -> lis
 
 def _results(reports: Sequence[Report]) -> Table:
     runs = [
-        {**run, "report": report.label, "dataset": report.summary["dataset"]["name"]}
+        {**run, "report": report.label, "dataset": report.summary.dataset["name"]}
         for report in reports
-        for run in report.summary["runs"]
+        for run in report.summary.runs
         if run["reference"] == "truth" and run["method"] != CHESSBOARD
     ]
     one = len({report.dataset_id for report in reports}) == 1
@@ -196,9 +199,9 @@ def _results(reports: Sequence[Report]) -> Table:
 
 def _sources(reports: Sequence[Report]) -> Table:
     rows = [
-        (r.label, r.summary["dataset"]["name"], r.summary["dataset"]["frames"], r.summary["dataset"]["seed"],
-         r.dataset_id[:12], str(r.summary["checksums"].get("images"))[:12],
-         r.summary["versions"]["validate"]["roundel"], r.summary["metric_version"], r.summary["checksums"][SCORES][:12])
+        (r.label, r.summary.dataset["name"], r.summary.dataset["frames"], r.summary.dataset["seed"],
+         r.dataset_id[:12], str(r.summary.checksums.get("images"))[:12],
+         r.summary.versions["validate"]["roundel"], r.summary.metric_version, r.summary.checksums[SCORES][:12])
         for r in reports
     ]  # fmt: skip
     heads = ("Report", "Study", "Frames", "Seed", "Dataset", "Images sha256", "Roundel", "Metrics", "Scores sha256")
@@ -207,7 +210,7 @@ def _sources(reports: Sequence[Report]) -> Table:
 
 def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]:
     same = [r for r in reports[1:] if r.dataset_id == reports[0].dataset_id]
-    images = {str(r.summary["checksums"].get("images")) for r in (reports[0], *same)}
+    images = {str(r.summary.checksums.get("images")) for r in (reports[0], *same)}
     found = []
     if len(same) < len(reports) - 1:
         found.append(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from importlib import resources
 from typing import Any
 
 from roundel.validate.figures.svg import Picture
+from roundel.validate.scores.summary import Summary
 from roundel.validate.tables.table import NAME_LIMIT, TEXT_LIMIT, Table, clean, heads, shown_rows
 
 # A page shows so many rows of a table; its CSV has them all. Five hundred are about 200 kB.
@@ -34,7 +36,7 @@ def fill(template: str, **values: Any) -> str:
 
 
 def presentable(value: Any, key: str = "") -> Any:
-    """A summary whose texts can be shown: names cut, and no character that controls what stands beside it."""
+    """A value whose texts can be shown: names cut, and no character that controls what stands beside it."""
     if isinstance(value, str):
         if "\n" in value:
             return "\n".join(clean(line, TEXT_LIMIT) for line in value.split("\n"))
@@ -44,6 +46,11 @@ def presentable(value: Any, key: str = "") -> Any:
     if isinstance(value, (list, tuple)):
         return [presentable(v, key) for v in value]
     return value
+
+
+def presentable_summary(summary: Summary) -> Summary:
+    """A summary whose texts can be shown."""
+    return replace(summary, **{f.name: presentable(getattr(summary, f.name), f.name) for f in fields(summary)})
 
 
 def figures(pictures: Sequence[Picture]) -> list[dict[str, Any]]:

@@ -9,9 +9,9 @@ from typing import Any
 from roundel.datasets.fidelity.summary import fidelity_lines
 from roundel.validate.figures.overlays import Overlay
 from roundel.validate.figures.svg import Picture
-from roundel.validate.report.html import Tables, figures, fill, presentable, shown_table
+from roundel.validate.report.html import Tables, figures, fill, presentable_summary, shown_table
 from roundel.validate.report.summary_text import commands, intrinsics_in_words, main_run, sentences
-from roundel.validate.scores.summary import found_without_pose, number
+from roundel.validate.scores.summary import Summary, found_without_pose, number
 from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.tables.table import Table
 
@@ -36,15 +36,13 @@ class Pictures:
         return [picture for part in fields(self) for picture in getattr(self, part.name)]
 
 
-def render_report(
-    summary: dict[str, Any], pictures: Pictures, overlays: Sequence[Overlay], more: Sequence[Table] = ()
-) -> str:
+def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overlay], more: Sequence[Table] = ()) -> str:
     """The report as HTML.
 
     Parameters
     ----------
-    summary : dict
-        From `summarise`, with its checksums.
+    summary : Summary
+        Complete, with its checksums.
     pictures : Pictures
     overlays : sequence of Overlay
         Their SVG is ours and goes in as it is; everything else is escaped.
@@ -53,11 +51,11 @@ def render_report(
     """
     from markupsafe import Markup
 
-    summary = presentable(summary)
-    data, versions, measured = summary["dataset"], summary["versions"], summary["dataset"]["fidelity"]
+    summary = presentable_summary(summary)
+    data, versions, measured = summary.dataset, summary.versions, summary.dataset["fidelity"]
     tables = Tables({**report_tables(summary), **{table.name: table for table in more}})
-    verdicts = _verdicts(summary.get("verdicts") or [], pictures.verdicts)
-    reason = (summary["calibration"] or {}).get("reason")
+    verdicts = _verdicts(summary.verdicts, pictures.verdicts)
+    reason = (summary.calibration or {}).get("reason")
     chessboard = reason or pictures.calibration or any(tables[n] for n in ("calibrations", "boards"))
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
@@ -74,7 +72,7 @@ def render_report(
         sentences=sentences(summary),
         cards=_cards(summary),
         lead=figures(pictures.lead),
-        answer=(summary.get("worth") or {}).get("answer") or [""],
+        answer=(summary.worth or {}).get("answer") or [""],
         verdicts=verdicts,
         errors=figures(pictures.errors),
         sweeps=figures(pictures.sweeps),
@@ -84,7 +82,7 @@ def render_report(
         tables=tables,
         no_calibration=reason,
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],
-        definitions=shown_table(metric_table(summary["metrics"])),
+        definitions=shown_table(metric_table(summary.metrics)),
         commands=commands(summary),
         settings=shown_table(pairs_table("settings", "Settings", ("Setting", "Value"), _facts(summary), "")),
         fidelity=shown_table(fidelity_table(measured)) if (measured or {}).get("circles") else None,
@@ -122,7 +120,7 @@ def _groups(groups: dict[str, int], most: int = 8) -> str:
     return named + (f" and {len(groups) - most} more groups" if len(groups) > most else "")
 
 
-def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
+def _cards(summary: Summary) -> list[dict[str, str]]:
     """The few numbers that everybody asks for, of the run that the report leads with."""
     run = main_run(summary)
     oracle, label = run["oracle"], intrinsics_in_words(run["intrinsics"])
@@ -147,10 +145,10 @@ def _cards(summary: dict[str, Any]) -> list[dict[str, str]]:
     ]
 
 
-def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
+def _facts(summary: Summary) -> list[tuple[str, str]]:
     """Settings as lines of text."""
     flat: list[tuple[str, Any]] = []
-    for key, value in summary["settings"].items():
+    for key, value in summary.settings.items():
         flat += [(f"{key}: {k}", v) for k, v in value.items()] if isinstance(value, dict) else [(key, value)]
     return [(key, _plain(value)) for key, value in flat]
 
@@ -169,5 +167,5 @@ def _versions(versions: dict[str, Any]) -> list[tuple[str, str, str]]:
     return [(name, str(validation.get(name, "-")), str(rendering.get(name) or "-")) for name in names]
 
 
-def _checksums(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    return [("dataset_id", summary["dataset"]["dataset_id"]), *((k, str(v)) for k, v in summary["checksums"].items())]
+def _checksums(summary: Summary) -> list[tuple[str, str]]:
+    return [("dataset_id", summary.dataset["dataset_id"]), *((k, str(v)) for k, v in summary.checksums.items())]

@@ -7,7 +7,7 @@ from typing import Any
 
 from roundel.scenes.study.schema import calibration_views
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.summary import found_without_pose, is_right, number
+from roundel.validate.scores.summary import Summary, found_without_pose, is_right, number
 
 Run = dict[str, Any]
 
@@ -28,10 +28,10 @@ def intrinsics_in_words(label: str) -> str:
     return label
 
 
-def main_run(summary: dict[str, Any]) -> Run:
+def main_run(summary: Summary) -> Run:
     """The run that the report leads with: the study's first method, against the truth, with the true focal length."""
-    asked = (summary["settings"].get("solve") or {}).get("methods", [])
-    runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
+    asked = (summary.settings.get("solve") or {}).get("methods", [])
+    runs = [r for r in summary.runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
 
     def rank(run: Run) -> tuple[int, str, bool]:
         place = asked.index(run["method"]) if run["method"] in asked else len(asked)
@@ -49,10 +49,10 @@ def _errors(run: Run) -> str:
     )
 
 
-def sentences(summary: dict[str, Any]) -> list[str]:
+def sentences(summary: Summary) -> list[str]:
     """The findings of a report, most important first."""
-    data, main = summary["dataset"], main_run(summary)
-    runs = [r for r in summary["runs"] if r["reference"] == "truth" and r["method"] != CHESSBOARD]
+    data, main = summary.dataset, main_run(summary)
+    runs = [r for r in summary.runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
     circles = "circle" if main["n"] == 1 else "circles"
     bare = found_without_pose(main)
     found = [
@@ -110,9 +110,9 @@ def _choice_sentence(run: Run) -> str:
     return f"{head}; where one was chosen, in {run['branch_chosen']} frames, it was right in {number(share)} %."
 
 
-def _calibration_sentences(summary: dict[str, Any]) -> list[str]:
+def _calibration_sentences(summary: Summary) -> list[str]:
     found = []
-    calibration = summary["calibration"]
+    calibration = summary.calibration
     if calibration is not None and "rms_px" in calibration:
         text = (
             f"OpenCV calibrated the camera from {calibration['views']} chessboard views with an RMS of "
@@ -125,7 +125,7 @@ def _calibration_sentences(summary: dict[str, Any]) -> list[str]:
             over = "the whole image" if share == 1 else f"the {number(100 * share)} % of the image that it reaches"
             text += f"; over {over} it projects {number(calibration['projection_mean_px'])} px off in the mean"
         found.append(text + ".")
-    board = next((r for r in summary["runs"] if r["method"] == CHESSBOARD), None)
+    board = next((r for r in summary.runs if r["method"] == CHESSBOARD), None)
     if board is not None and board["oracle"]["normal_error_deg"]["n"]:
         found.append(
             f"The chessboards' own poses, found in {board['solved']} of {board['n']} views, are off by "
@@ -136,13 +136,13 @@ def _calibration_sentences(summary: dict[str, Any]) -> list[str]:
     return found
 
 
-def commands(summary: dict[str, Any]) -> list[str]:
+def commands(summary: Summary) -> list[str]:
     """The commands that make this report again, with names to be replaced in capitals."""
-    runs = [r for r in summary["runs"] if r["method"] != CHESSBOARD]
+    runs = [r for r in summary.runs if r["method"] != CHESSBOARD]
     methods = list(dict.fromkeys(r["method"] for r in runs))
     labels = list(dict.fromkeys(r["intrinsics"] for r in runs))
     lines = ["roundel render DATASET/study.yaml DATASET"]
-    settings, camera = summary["settings"], ""
+    settings, camera = summary.settings, ""
     reference = settings.get("reference_intrinsics") or ""
     for label in dict.fromkeys(x for x in (*labels, reference) if x.startswith("calibrated:")):
         camera = shlex.quote(f"{label.partition(':')[2]}.json")

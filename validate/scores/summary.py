@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from collections import Counter
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,55 @@ CHESSBOARD = "chessboard_pnp"
 
 # What the cells of the grid keep: the paper's three errors.
 CELL_METRICS = (NORMAL, POSITION_D, POSITION, REPROJECTION)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What summary.json holds: the scores in a few numbers. Nested values are plain: finite numbers, texts, None.
+
+    Attributes
+    ----------
+    metric_version : int
+    dataset, settings, versions, checksums : dict
+        Which frames, what the validator was asked, and what made and was read.
+    runs, groups, cells : list of dict
+        Statistics by method, intrinsics and reference; the same by group; and by cell of the study's grid.
+    failures, comparisons, power : list of dict
+        Reasons, runs beside the main one, and the change that these frames could show.
+    calibration, calibrations, calibration_subsets
+        OpenCV's calibration from all views, from the numbers of views that the study asks for, and the frames of each.
+    filled_in : dict
+        Columns that a run's file left out.
+    worth, sweeps, verdicts
+        The benefit of a calibration, errors over the levels of a nuisance, the paper's claims: records of JSON.
+    """
+
+    metric_version: int
+    dataset: dict[str, Any]
+    settings: dict[str, Any]
+    runs: list[dict[str, Any]]
+    groups: list[dict[str, Any]]
+    cells: list[dict[str, Any]]
+    failures: list[dict[str, Any]]
+    comparisons: list[dict[str, Any]]
+    power: list[dict[str, Any]]
+    calibration: dict[str, Any] | None
+    metrics: list[dict[str, Any]]
+    versions: dict[str, Any]
+    schema: int = SCHEMA
+    power_note: str = POWER_NOTE
+    filled_in: dict[str, list[str]] = field(default_factory=dict)
+    calibrations: list[dict[str, Any]] = field(default_factory=list)
+    calibration_subsets: list[dict[str, Any]] = field(default_factory=list)
+    worth: dict[str, Any] | None = None
+    sweeps: list[dict[str, Any]] = field(default_factory=list)
+    verdicts: list[dict[str, Any]] = field(default_factory=list)
+    checksums: dict[str, str] = field(default_factory=dict)
+
+
+def summary_record(summary: Summary) -> dict[str, Any]:
+    """What summary.json holds, its schema first."""
+    return {"schema": summary.schema, **{f.name: getattr(summary, f.name) for f in fields(summary)}}
 
 
 def intrinsics_rank(label: str) -> tuple[int, float, str]:
@@ -132,8 +182,8 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
 
 def summarise(
     dataset: Dataset, scores: Scores, settings: dict[str, Any], calibration: dict[str, Any] | None
-) -> dict[str, Any]:
-    """All that summary.json holds but the checksums.
+) -> Summary:
+    """The numbers of a report; what is decided on them, and the checksums, come with `dataclasses.replace`.
 
     Parameters
     ----------
@@ -146,8 +196,8 @@ def summarise(
 
     Returns
     -------
-    dict
-        Plain values, finite numbers or None; the same for the same input, whenever it is made.
+    Summary
+        The same for the same input, whenever it is made.
     """
     table = scores.table
     group = _texts(table, "group")
@@ -170,10 +220,9 @@ def summarise(
             failures.append({**label, "reason": reason, "count": count})
     manifest = dataset.manifest
     main = main_key(list(tables), (dataset.study.get("solve") or {}).get("methods") or [])
-    return {
-        "schema": SCHEMA,
-        "metric_version": METRIC_VERSION,
-        "dataset": {
+    return Summary(
+        metric_version=METRIC_VERSION,
+        dataset={
             "dataset_id": manifest["dataset_id"],
             "name": dataset.study.get("name"),
             "seed": dataset.study.get("seed"),
@@ -183,18 +232,17 @@ def summarise(
             "sweeps": sweep_keys(dataset),
             "fidelity": _fidelity(manifest.get("fidelity")),
         },
-        "settings": {"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
-        "runs": runs,
-        "groups": by_group,
-        "cells": cells,
-        "failures": failures,
-        "comparisons": comparisons(tables, main) if main else [],
-        "power": power_of(tables),
-        "power_note": POWER_NOTE,
-        "calibration": calibration,
-        "metrics": [{key: getattr(metric, key) for key in _DEFINITION} for metric in METRICS],
-        "versions": {"validate": versions(), "render": manifest.get("versions")},
-    }
+        settings={"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
+        runs=runs,
+        groups=by_group,
+        cells=cells,
+        failures=failures,
+        comparisons=comparisons(tables, main) if main else [],
+        power=power_of(tables),
+        calibration=calibration,
+        metrics=[{key: getattr(metric, key) for key in _DEFINITION} for metric in METRICS],
+        versions={"validate": versions(), "render": manifest.get("versions")},
+    )
 
 
 def image_widths(dataset: Dataset, table: pa.Table) -> Array:
@@ -265,11 +313,11 @@ def number(value: float | None, digits: int = 3) -> str:
 _DEFINITION = ("column", "title", "unit", "frame", "definition", "source", "of")
 
 
-def terminal_table(summary: dict[str, Any]) -> str:
+def terminal_table(summary: Summary) -> str:
     """The table that the command prints: median and 95th percentile of the oracle's errors."""
     head = ("method", "intrinsics", "reference", "solved", *(m.short_label for m in HEADLINE), "false")
     lines = [head]
-    for run in summary["runs"]:
+    for run in summary.runs:
         pairs = [f"{number(s['median'])} / {number(s['p95'])}" for s in (run["oracle"][m.column] for m in HEADLINE)]
         solved, false = f"{run['solved']}/{run['n']}", run["false_detections"]
         ends = (solved, *pairs, "" if false is None else str(false))
@@ -280,7 +328,7 @@ def terminal_table(summary: dict[str, Any]) -> str:
         cells = (c.ljust(w) if i < 3 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
         return "  ".join(cells).rstrip()
 
-    extent = summary["settings"]["reprojection_extent_D"]
+    extent = summary.settings["reprojection_extent_D"]
     note = (
         f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent:g} D"
     )
@@ -292,10 +340,10 @@ def found_without_pose(run: dict[str, Any]) -> int:
     return max(int(run.get("detected", 0)) - int(run["solved"]), 0)
 
 
-def _without_poses(summary: dict[str, Any]) -> list[str]:
+def _without_poses(summary: Summary) -> list[str]:
     """A line for each run that found circles and no pose: how far off its centres are."""
     out = []
-    for run in summary["runs"]:
+    for run in summary.runs:
         bare = found_without_pose(run)
         if bare > 0:
             image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]

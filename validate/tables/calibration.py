@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from roundel.validate.scores.summary import Summary
 from roundel.validate.tables.table import Column, Table
 
 _VIEWS = Column("views", "Views", "used")
@@ -31,9 +32,9 @@ _CAMERA = (
 )
 
 
-def calibrations_of(summary: dict[str, Any]) -> list[dict[str, Any]]:
+def calibrations_of(summary: Summary) -> list[dict[str, Any]]:
     """Every calibration of a report once: that from all views, and those from some."""
-    records = [*(summary.get("calibrations") or []), *([summary["calibration"]] if summary["calibration"] else [])]
+    records = [*(summary.calibrations), *([summary.calibration] if summary.calibration else [])]
     found: list[dict[str, Any]] = []
     for record in records:
         if "rms_px" in record and all((r["group"], r["views"]) != (record["group"], record["views"]) for r in found):
@@ -42,7 +43,7 @@ def calibrations_of(summary: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda r: (r["group"], r["views"]))
 
 
-def calibration_tables(summary: dict[str, Any]) -> list[Table]:
+def calibration_tables(summary: Summary) -> list[Table]:
     """Two tables: residuals, and errors of the cameras where they can be told."""
     records = calibrations_of(summary)
     residuals = (

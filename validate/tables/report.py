@@ -19,7 +19,7 @@ from roundel.validate.metrics.metric import (
     REPROJECTION,
     Metric,
 )
-from roundel.validate.scores.summary import found_without_pose
+from roundel.validate.scores.summary import Summary, found_without_pose
 from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import worth_table
 from roundel.validate.tables.statistics import statistics_tables
@@ -45,9 +45,9 @@ _ERRORS = (NORMAL, POSITION, POSITION_D, ALONG_RAY, REPROJECTION)
 _CENTRES = (("oracle", CENTRE_IMAGE, "To the circle's"), ("ellipse", ELLIPSE_CENTRE, "To the ellipse's"))
 
 
-def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
+def report_tables(summary: Summary) -> dict[str, Table]:
     """Every table of a report that has something to say, by name."""
-    runs = summary["runs"]
+    runs = summary.runs
     grid = _grid(summary)
     mine = [r for r in runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
     note = f"{_STATISTIC} {_ORACLE} {_FRAME} {grid}"
@@ -62,10 +62,10 @@ def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
     chosen_note = (
         f"{_STATISTIC} The candidate that the solver chose; circles without a choice are left out. {_FRAME} {grid}"
     )
-    groups = [g for g in summary["groups"] if g["reference"] == "truth" and g["method"] != CHESSBOARD]
+    groups = [g for g in summary.groups if g["reference"] == "truth" and g["method"] != CHESSBOARD]
     found = [
-        worth_table(summary.get("worth")),
-        verdict_table(summary.get("verdicts") or []),
+        worth_table(summary.worth),
+        verdict_table(summary.verdicts),
         result_table(mine, summary),
         centre_table(mine),
         run_table("chosen", "Errors of the chosen candidate", [r for r in mine if r["branch_chosen"]], "chosen",
@@ -73,7 +73,7 @@ def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
         run_table("groups", "Errors by group", groups, "oracle", note),
         failure_table(summary),
         *statistics_tables(summary, mine),
-        cell_table(summary["cells"]),
+        cell_table(summary.cells),
         *calibration_tables(summary),
         run_table("boards", "The boards' own poses against the truth",
                   [r for r in runs if r["method"] == CHESSBOARD], "oracle", board_note),
@@ -83,12 +83,12 @@ def report_tables(summary: dict[str, Any]) -> dict[str, Table]:
     return {table.name: table for table in found if table.rows}
 
 
-def _grid(summary: dict[str, Any]) -> str:
-    extent = f"{summary['settings']['reprojection_extent_D']:g}"
+def _grid(summary: Summary) -> str:
+    extent = f"{summary.settings['reprojection_extent_D']:g}"
     return f"Reprojection: mean of a 3x3 grid of \N{PLUS-MINUS SIGN}{extent} D around the marker."
 
 
-def result_table(runs: Sequence[Run], summary: dict[str, Any], first: Sequence[str] = ()) -> Table:
+def result_table(runs: Sequence[Run], summary: Summary, first: Sequence[str] = ()) -> Table:
     """Runs against the truth, of one report or of several whose settings are those of `summary`."""
     note = f"{_STATISTIC} {_ORACLE} {_FRAME} {_grid(summary)}"
     return run_table("results", "Errors of the better candidate", runs, "oracle", note, first)
@@ -193,17 +193,17 @@ def _text(value: Any) -> Cell:
     return value if value is None or isinstance(value, (str, int, float)) else str(value)
 
 
-def failure_table(summary: dict[str, Any]) -> Table:
+def failure_table(summary: Summary) -> Table:
     """Failures, the intrinsics that share them in one row: detection comes before intrinsics, so most do."""
     grouped: dict[tuple[Any, ...], list[str]] = {}
-    for f in summary["failures"]:
+    for f in summary.failures:
         grouped.setdefault((f["method"], f["reference"], f["reason"], f["count"]), []).append(f["intrinsics"])
     columns = (
         Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("reference", "Against"),
         Column("reason", "Reason"), Column("circles", "Circles", "count"),
     )  # fmt: skip
     rows = tuple((m, ", ".join(labels), ref, why, n) for (m, ref, why, n), labels in grouped.items())
-    settings = summary["settings"]
+    settings = summary.settings
     note = (
         "Circles without an error, by reason. A detection belongs to a circle when their contours in the delivered "
         f"image lie within {settings['gate_px']:g} px or {100 * settings['gate_fraction_of_minor_semi_axis']:g} % of "

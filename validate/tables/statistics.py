@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from roundel.validate.scores.run_statistics import BOUNDED
+from roundel.validate.scores.summary import Summary
 from roundel.validate.tables.table import Cell, Column, Table
 
 _RUN = (Column("method", "Method"), Column("intrinsics", "Intrinsics"))
 
 
-def statistics_tables(summary: dict[str, Any], runs: Sequence[dict[str, Any]]) -> list[Table]:
+def statistics_tables(summary: Summary, runs: Sequence[dict[str, Any]]) -> list[Table]:
     """The tables that a summary has something for, of the runs against the truth."""
     found = [
         efficiency_table(runs),
         recall_table(runs),
-        main_table(summary.get("comparisons") or []),
+        main_table(summary.comparisons),
         power_table(summary),
     ]
     return [table for table in found if table.rows]
@@ -96,7 +97,7 @@ def main_table(comparisons: Sequence[dict[str, Any]]) -> Table:
     return Table("against_main", "Every run beside the main one", columns, rows, note)
 
 
-def power_table(summary: dict[str, Any]) -> Table:
+def power_table(summary: Summary) -> Table:
     """The change of an error that these frames could show."""
     columns = (
         *_RUN,
@@ -107,7 +108,7 @@ def power_table(summary: dict[str, Any]) -> Table:
     rows = tuple(
         (p["method"], p["intrinsics"], p["error"].replace("_", " "), p["frames"],
          None if p["change"] is None else 100 * p["change"])
-        for p in summary.get("power") or []
+        for p in summary.power
         if p["reference"] == "truth"
     )  # fmt: skip
-    return Table("power", "What these frames can show", columns, rows, str(summary.get("power_note") or ""))
+    return Table("power", "What these frames can show", columns, rows, summary.power_note)

@@ -11,7 +11,16 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
 from roundel.validate.claims.claim import Finding
-from roundel.validate.claims.verdicts import CLAIMS, CONDITION, FALSE, HOLDS, OPEN, _side, verdicts_of
+from roundel.validate.claims.verdicts import (
+    CLAIMS,
+    CONDITION,
+    FALSE,
+    HOLDS,
+    OPEN,
+    decided,
+    verdict_record,
+    verdicts_of,
+)
 from roundel.validate.estimates.runs import read_runs
 from roundel.validate.figures.svg import standalone_svg
 from roundel.validate.figures.verdicts import verdict_pictures
@@ -85,8 +94,12 @@ def changed(label: str, name: str, law: tuple[float, float, float]) -> dict[str,
     return {k: {**v, name: law} if k == label else v for k, v in LAWS.items()}
 
 
+def records_of(table: pa.Table, study: dict[str, Any]) -> list[dict[str, Any]]:
+    return [verdict_record(verdict) for verdict in verdicts_of(table, study)]
+
+
 def outcomes(table: pa.Table, study: dict[str, Any] = STUDY) -> dict[str, str]:
-    return {v["key"]: v["outcome"] for v in verdicts_of(table, study)}
+    return {v["key"]: v["outcome"] for v in records_of(table, study)}
 
 
 def test_the_laws_of_the_errata_give_its_verdicts() -> None:
@@ -120,7 +133,7 @@ def test_a_law_planted_false_is_found_false(key: str, laws: dict) -> None:
 
 def test_the_planted_slope_is_in_its_interval() -> None:
     for key, slope in (("normal-distance", 1.5), ("position-calibrated", 2.5), ("reprojection-calibrated", 0.5)):
-        (v,) = (v for v in verdicts_of(table_of(per_cell=30), STUDY) if v["key"] == key)
+        (v,) = (v for v in records_of(table_of(per_cell=30), STUDY) if v["key"] == key)
         assert v["low"] < slope < v["high"]
         assert v["high"] - v["low"] < 0.35
 
@@ -130,7 +143,7 @@ def test_distances_that_were_drawn_decide_as_a_grid_does() -> None:
 
 
 def test_too_few_frames_decide_nothing() -> None:
-    found = verdicts_of(table_of(per_cell=1), STUDY)
+    found = records_of(table_of(per_cell=1), STUDY)
     trends = [v for v in found if v["key"] != "normal-focal"]
     assert len(trends) == len(CLAIMS) - 1
     assert {v["outcome"] for v in trends} == {OPEN}
@@ -143,7 +156,7 @@ def test_frames_that_were_lost_decide_nothing() -> None:
     name = "oracle_normal_error_deg"
     values = np.where(np.arange(table.num_rows) % 5 == 0, np.nan, table[name].to_numpy())
     lost = table.set_column(table.column_names.index(name), name, pa.array(values))
-    (v,) = (v for v in verdicts_of(lost, STUDY) if v["key"] == "normal-distance")
+    (v,) = (v for v in records_of(lost, STUDY) if v["key"] == "normal-distance")
     assert v["outcome"] == OPEN
     assert "only 192 of 240 circles are solved" in v["sentence"]
 
@@ -155,8 +168,8 @@ def test_a_noisy_border_is_left_open() -> None:
 
 def test_what_is_left_open_says_why() -> None:
     found = Finding("g", True, "ratio", 1.9, 1.1, 3.3, 42, "above 1", 0.02, True)
-    assert _side(found, 0.03).holds is True
-    among_many, near = _side(found, 0.08), _side(replace(found, low=0.9, p=0.2), 0.4)
+    assert decided(found, 0.03).holds is True
+    among_many, near = decided(found, 0.08), decided(replace(found, low=0.9, p=0.2), 0.4)
     assert (among_many.holds, among_many.reason) == (None, "it is not sure among all the report's statistics")
     assert (near.holds, near.reason) == (None, "the interval reaches over the border")
 
@@ -165,7 +178,7 @@ def test_groups_that_disagree_make_a_condition() -> None:
     flat = changed("scaled:1", "reprojection", (0.9, 0.0, 0.0))
     study = {**STUDY, "groups": {"perimeter": STUDY["groups"]["main"], "n200": STUDY["groups"]["main"]}}
     tables = [table_of(groups=("perimeter",)), table_of(flat, groups=("n200",))]
-    (v,) = (v for v in verdicts_of(pa.concat_tables(tables), study) if v["key"] == "reprojection-calibrated")
+    (v,) = (v for v in records_of(pa.concat_tables(tables), study) if v["key"] == "reprojection-calibrated")
     assert v["outcome"] == CONDITION
     assert {s["where"]: s["holds"] for s in v["sides"]} == {"perimeter": True, "n200": False}
 
@@ -174,12 +187,12 @@ def test_off_axis_frames_stand_beside_the_papers() -> None:
     study = {**STUDY, "groups": {"near": STUDY["groups"]["main"], "far": STUDY["groups"]["main"]}}
     turned = changed("scaled:0.7", "normal", (3.0, 1.5, -1.0))
     aside = table_of(turned, groups=("far",), off_axis_px=466.0)
-    (v,) = (v for v in verdicts_of(pa.concat_tables([table_of(groups=("near",)), aside]), study) if "focal" in v["key"])
+    (v,) = (v for v in records_of(pa.concat_tables([table_of(groups=("near",)), aside]), study) if "focal" in v["key"])
     assert v["outcome"] == CONDITION
     assert [(s["where"], s["holds"]) for s in v["sides"]] == [("near", True), ("far", False)]
     assert "20.0 deg off axis" in v["sentence"]
     # Off the axis alone nothing of the paper's can be decided, and nothing is said.
-    assert verdicts_of(aside, study) == []
+    assert records_of(aside, study) == []
 
 
 @pytest.mark.parametrize(
@@ -191,12 +204,12 @@ def test_off_axis_frames_stand_beside_the_papers() -> None:
 )
 def test_a_study_of_something_else_gets_no_verdict(change: dict) -> None:
     study = {**STUDY, "groups": {"main": {**STUDY["groups"]["main"], **change}}}
-    assert verdicts_of(table_of(), study) == []
+    assert records_of(table_of(), study) == []
 
 
 @pytest.mark.parametrize("label", ["scaled:1", "scaled:0.7"])
 def test_without_a_pair_of_intrinsics_there_is_no_verdict(label: str) -> None:
-    assert verdicts_of(table_of({label: LAWS[label]}), STUDY) == []
+    assert records_of(table_of({label: LAWS[label]}), STUDY) == []
 
 
 @pytest.mark.slow
@@ -211,7 +224,7 @@ def test_false_verdicts_are_rare() -> None:
     keys += ("reprojection-uncalibrated", "reprojection-meets", "normal-tilt")
     wrong, single = 0, dict.fromkeys(keys, 0)
     for seed in range(200):
-        sides = {v["key"]: v["sides"][0] for v in verdicts_of(table_of(laws, seed=seed), STUDY)}
+        sides = {v["key"]: v["sides"][0] for v in records_of(table_of(laws, seed=seed), STUDY)}
         decided = [key for key in keys if sides[key]["holds"] is not None]
         wrong += bool(decided)
         for key in keys:
@@ -230,9 +243,11 @@ def border(key: str) -> float:
 def test_every_verdict_names_its_own_picture_and_is_plain_json() -> None:
     verdicts = verdicts_of(table_of(), STUDY)
     drawn = verdict_pictures(table_of(), STUDY, verdicts)
-    assert [p.name for p in drawn] == [v["picture"] for v in verdicts]
+    assert [p.name for p in drawn] == [v.picture for v in verdicts]
     assert len({p.name for p in drawn}) == len(drawn)
-    assert json.loads(json.dumps(verdicts, allow_nan=False)) == verdicts
+    records = [verdict_record(v) for v in verdicts]
+    assert json.loads(json.dumps(records, allow_nan=False)) == records
+    assert [r["picture"] for r in records] == [v.picture for v in verdicts]
     assert verdict_pictures(table_of(), STUDY, []) == []
     again = verdict_pictures(table_of(), STUDY, verdicts)
     assert [p.svg for p in again] == [p.svg for p in drawn]
@@ -248,7 +263,7 @@ def test_a_small_study_is_decided_through_the_scores(tmp_path: Path) -> None:
     rows = estimate_rows(dataset, ["scaled:0.7", "scaled:1", "scaled:1.3"], noise_px=0.1)
     runs = read_runs([write_estimates(tmp_path / "est.parquet", rows)], dataset)
     table = score(dataset, true_targets(dataset, 3.0), runs).table
-    found = {v["key"]: v for v in verdicts_of(table, dataset.study)}
+    found = {v["key"]: v for v in records_of(table, dataset.study)}
     assert len(found) == len(CLAIMS)
     assert found["position-uncalibrated"]["outcome"] == HOLDS
     assert found["position-uncalibrated"]["value"] == pytest.approx(1.0, abs=0.05)
@@ -262,7 +277,7 @@ def test_a_report_carries_its_verdicts(tmp_path: Path) -> None:
     write_estimates(tmp_path / "est" / "estimates.parquet", rows)
     summary = validate_dataset(tmp_path / "data", [tmp_path / "est"], tmp_path / "report")
     html = (tmp_path / "report" / "report.html").read_text()
-    assert len(summary["verdicts"]) == len(CLAIMS)
-    for verdict in summary["verdicts"]:
+    assert len(summary.verdicts) == len(CLAIMS)
+    for verdict in summary.verdicts:
         assert f'aria-label="{verdict["claim"]}"' in html
         assert verdict["outcome"] in html

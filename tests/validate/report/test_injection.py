@@ -101,7 +101,7 @@ def test_a_name_without_end_is_cut(tmp_path: Path) -> None:
     dataset = make_dataset(tmp_path / "ds", POINTS.replace("name: points", f"name: {name[:200]}"))
     rows = estimate_rows(dataset, ["true"], 0.1, name)
     summary = validate_dataset(dataset.path, [write_estimates(tmp_path / "e.parquet", rows)], tmp_path / "out")
-    assert summary["runs"][0]["method"] == name  # files keep it
+    assert summary.runs[0]["method"] == name  # files keep it
     html = (tmp_path / "out" / "report.html").read_text()
     assert ("n" * 100 in html) is False  # no diff of 10,000 letters
     assert len(html) < 1_000_000

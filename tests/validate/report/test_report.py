@@ -6,7 +6,6 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -18,7 +17,7 @@ from roundel.datasets.layout.files import sha256
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
 from roundel.validate.scores.run_statistics import statistics
-from roundel.validate.scores.summary import intrinsics_rank, number, terminal_table
+from roundel.validate.scores.summary import Summary, intrinsics_rank, number, summary_record, terminal_table
 from roundel.validate.validate import validate_dataset
 
 LABELS = ["scaled:0.7", "scaled:1", "scaled:1.3"]
@@ -32,7 +31,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def report(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def report(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
     folder = tmp_path_factory.mktemp("out")
     rows = [r for r in estimate_rows(dataset, LABELS, noise_px=0.1) if r["frame_id"] != 5]
     rows += [failed_row(5, label) for label in LABELS]
@@ -41,7 +40,7 @@ def report(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[
 
 
 @pytest.fixture(scope="module")
-def boards(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def boards(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
     folder = tmp_path_factory.mktemp("boards")
     dataset = make_dataset(folder / "ds", BOARDS)
     calibrate_dataset(folder / "ds", folder / "phone.json", "calibration")
@@ -97,12 +96,12 @@ def test_the_page_stands_alone(name: str, request: pytest.FixtureRequest) -> Non
     assert len(html) < 1_000_000
 
 
-def test_names_are_escaped(report: tuple[Path, dict[str, Any]]) -> None:
+def test_names_are_escaped(report: tuple[Path, Summary]) -> None:
     html = (report[0] / "report.html").read_text()
     assert "points &lt;script&gt;alert" in html
 
 
-def test_no_path_and_no_date(report: tuple[Path, dict[str, Any]], dataset: Dataset) -> None:
+def test_no_path_and_no_date(report: tuple[Path, Summary], dataset: Dataset) -> None:
     for name in ("report.html", "summary.json"):
         text = (report[0] / name).read_text()
         assert str(report[0].parent) not in text
@@ -110,9 +109,7 @@ def test_no_path_and_no_date(report: tuple[Path, dict[str, Any]], dataset: Datas
     assert not re.search(r"20\d\d-\d\d-\d\d", (report[0] / "summary.json").read_text())
 
 
-def test_the_same_input_gives_the_same_files(
-    report: tuple[Path, dict[str, Any]], dataset: Dataset, tmp_path: Path
-) -> None:
+def test_the_same_input_gives_the_same_files(report: tuple[Path, Summary], dataset: Dataset, tmp_path: Path) -> None:
     validate_dataset(dataset.path, [report[0].parent / "estimates"], tmp_path / "again")
     for name in ("report.html", "summary.json", "scores.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (report[0] / name).read_bytes()
@@ -126,12 +123,12 @@ def test_the_same_input_gives_the_same_files(
             assert (tmp_path / "again" / folder / one.name).read_bytes() == one.read_bytes()
 
 
-def test_the_summary_agrees_with_the_scores(report: tuple[Path, dict[str, Any]]) -> None:
+def test_the_summary_agrees_with_the_scores(report: tuple[Path, Summary]) -> None:
     folder, summary = report
-    assert json.loads((folder / "summary.json").read_text()) == summary
-    assert summary["checksums"]["scores.parquet"] == sha256((folder / "scores.parquet").read_bytes())
+    assert json.loads((folder / "summary.json").read_text()) == summary_record(summary)
+    assert summary.checksums["scores.parquet"] == sha256((folder / "scores.parquet").read_bytes())
     table = pq.read_table(folder / "scores.parquet")
-    run = next(r for r in summary["runs"] if r["intrinsics"] == "scaled:0.7")
+    run = next(r for r in summary.runs if r["intrinsics"] == "scaled:0.7")
     mask = np.array(table["intrinsics"].to_pylist()) == "scaled:0.7"
     values = table["oracle_normal_error_deg"].to_numpy()[mask]
     values = values[np.isfinite(values)]
@@ -140,13 +137,13 @@ def test_the_summary_agrees_with_the_scores(report: tuple[Path, dict[str, Any]])
     assert run["oracle"]["normal_error_deg"]["p95"] == pytest.approx(np.percentile(values, 95))
     nothing = {"n": 0, "mean": None, "median": None, "p95": None, "rms": None}
     assert nothing.items() <= run["chosen"]["normal_error_deg"].items()
-    assert len(summary["cells"]) == 27
-    assert sum(c["n"] for c in summary["cells"]) == table.num_rows
-    assert {(f["reason"], f["count"]) for f in summary["failures"]} == {("no ellipse found", 1)}
-    assert summary["dataset"]["circles"] == 36
+    assert len(summary.cells) == 27
+    assert sum(c["n"] for c in summary.cells) == table.num_rows
+    assert {(f["reason"], f["count"]) for f in summary.failures} == {("no ellipse found", 1)}
+    assert summary.dataset["circles"] == 36
 
 
-def test_the_page_says_it_in_words(report: tuple[Path, dict[str, Any]]) -> None:
+def test_the_page_says_it_in_words(report: tuple[Path, Summary]) -> None:
     words = " ".join(Page((report[0] / "report.html").read_text()).words)
     assert "Method ml found 35 of 36 circles" in words
     assert "none was chosen" in words
@@ -154,14 +151,14 @@ def test_the_page_says_it_in_words(report: tuple[Path, dict[str, Any]]) -> None:
     assert "no ellipse found" in words
 
 
-def test_chessboards_in_the_report(boards: tuple[Path, dict[str, Any]]) -> None:
+def test_chessboards_in_the_report(boards: tuple[Path, Summary]) -> None:
     folder, summary = boards
-    calibration = summary["calibration"]
+    calibration = summary.calibration
     assert calibration["views"] == 5
     assert calibration["rms_px"] < 0.05
     assert abs(calibration["corner_offset_mean_x_px"]) < 0.02
     assert abs(calibration["fx_error_pct"]) < 0.1  # five views of 8 x 8 subpixels; measured 0.014
-    keys = [(r["method"], r["intrinsics"], r["reference"]) for r in summary["runs"]]
+    keys = [(r["method"], r["intrinsics"], r["reference"]) for r in summary.runs]
     assert keys == [
         ("ml", "true", "truth"),
         ("ml", "default", "truth"),
@@ -175,7 +172,7 @@ def test_chessboards_in_the_report(boards: tuple[Path, dict[str, Any]]) -> None:
     assert "--camera phone.json" in words
 
 
-def test_a_camera_file_holds_no_truth(boards: tuple[Path, dict[str, Any]]) -> None:
+def test_a_camera_file_holds_no_truth(boards: tuple[Path, Summary]) -> None:
     record = json.loads((boards[0].parent / "phone.json").read_text())
     assert record["calibration"]["group"] == "calibration"
     assert "error" not in json.dumps(record)
@@ -186,7 +183,7 @@ def test_calibration_lines() -> None:
     assert calibration_lines({"reason": "found in 2 views"}) == ["calibration: found in 2 views"]
 
 
-def test_the_terminal_table(boards: tuple[Path, dict[str, Any]]) -> None:
+def test_the_terminal_table(boards: tuple[Path, Summary]) -> None:
     lines = terminal_table(boards[1]).splitlines()
     assert lines[0].split()[:4] == ["method", "intrinsics", "reference", "solved"]
     assert len(lines) == 7
@@ -212,7 +209,7 @@ def test_nothing_solved_is_a_report_too(dataset: Dataset, tmp_path: Path) -> Non
     rows = [failed_row(frame, "true") for frame in dataset.images.frame_ids]
     file = write_estimates(tmp_path / "e.parquet", rows)
     summary = validate_dataset(dataset.path, [file], tmp_path / "out")
-    assert summary["runs"][0]["solved"] == 0
+    assert summary.runs[0]["solved"] == 0
     assert "found 0 of 36" in (tmp_path / "out" / "report.html").read_text()
     assert "0/36" in terminal_table(summary)
 

@@ -16,7 +16,7 @@ from roundel.validate.metrics.ground_truth import true_targets
 from roundel.validate.scores.comparisons import comparisons, power_of
 from roundel.validate.scores.run_statistics import RECALLS, recalls, statistics, statistics_of
 from roundel.validate.scores.scores import Scores, score
-from roundel.validate.scores.summary import main_key, summarise
+from roundel.validate.scores.summary import Summary, main_key, summarise
 
 TWO = POINTS.replace("frames_per_cell: 4", "frames_per_cell: 8")
 
@@ -30,7 +30,7 @@ def scored(dataset: Dataset, folder: Path, rows: list[dict[str, Any]]) -> Scores
     return score(dataset, true_targets(dataset, 3.0), read_runs([write_estimates(folder / "e.parquet", rows)], dataset))
 
 
-def summary_of(dataset: Dataset, scores: Scores) -> dict[str, Any]:
+def summary_of(dataset: Dataset, scores: Scores) -> Summary:
     return summarise(dataset, scores, {"reprojection_extent_D": 3.0}, None)
 
 
@@ -58,7 +58,7 @@ def test_statistics_with_intervals() -> None:
 
 def test_a_miss_is_never_dropped(dataset: Dataset, tmp_path: Path) -> None:
     rows = [r for r in estimate_rows(dataset, ["true"]) if r["frame_id"] >= 18]
-    run = summary_of(dataset, scored(dataset, tmp_path, [*rows, failed_row(3, "true")]))["runs"][0]
+    run = summary_of(dataset, scored(dataset, tmp_path, [*rows, failed_row(3, "true")])).runs[0]
     assert (run["n"], run["solved"]) == (72, 54)
     assert run["solved_interval"]["rate"] == 0.75
     assert run["solved_interval"]["low"] < 0.75 < run["solved_interval"]["high"]
@@ -74,7 +74,7 @@ def test_a_miss_is_never_dropped(dataset: Dataset, tmp_path: Path) -> None:
 
 
 def test_chosen_oracle_and_branch_are_told_apart(dataset: Dataset, tmp_path: Path) -> None:
-    run = summary_of(dataset, scored(dataset, tmp_path, estimate_rows(dataset, ["true"], chosen=True)))["runs"][0]
+    run = summary_of(dataset, scored(dataset, tmp_path, estimate_rows(dataset, ["true"], chosen=True))).runs[0]
     right = run["branch_correct"] / run["branch_chosen"]
     assert 0 < right < 1
     assert run["branch_interval"]["rate"] == right
@@ -115,7 +115,7 @@ def test_thresholds_are_those_of_bop() -> None:
 
 
 def test_an_efficient_method_has_ratios_of_one(dataset: Dataset, tmp_path: Path) -> None:
-    run = summary_of(dataset, scored(dataset, tmp_path, estimate_rows(dataset, ["true"])))["runs"][0]
+    run = summary_of(dataset, scored(dataset, tmp_path, estimate_rows(dataset, ["true"]))).runs[0]
     assert set(run["efficiency"]) == {"normal", "position", "ellipse_centre"}
     assert all(v["n"] == 72 and v["median"] < 1e-4 for v in run["efficiency"].values())
 
@@ -125,7 +125,7 @@ def test_runs_are_compared_on_the_same_circles(dataset: Dataset, tmp_path: Path)
     rows += estimate_rows(dataset, ["true"], noise_px=0.3, method="twin")
     rows += [r for r in estimate_rows(dataset, ["true"], noise_px=0.6, method="worse") if r["frame_id"] > 5]
     summary = summary_of(dataset, scored(dataset, tmp_path, rows))
-    found = {(c["method"], c["intrinsics"], c["metric"]): c for c in summary["comparisons"]}
+    found = {(c["method"], c["intrinsics"], c["metric"]): c for c in summary.comparisons}
     assert ("ml", "true", "oracle_normal_error_deg") not in found
     focal = found["ml", "scaled:0.7", "oracle_position_error_pct"]
     assert focal["verdict"] == "larger"
@@ -137,7 +137,7 @@ def test_runs_are_compared_on_the_same_circles(dataset: Dataset, tmp_path: Path)
     assert worse["n"] == 66
     assert worse["ratio"] == pytest.approx(2.0, rel=0.3)
     assert worse["verdict"] == "larger"
-    power = {(p["method"], p["intrinsics"], p["error"]): p for p in summary["power"]}
+    power = {(p["method"], p["intrinsics"], p["error"]): p for p in summary.power}
     one = power["ml", "true", "normal"]
     assert one["over_bound"]
     # 72 normal errors: sqrt(2) (2.33 + 1.64) / (2 sqrt(72)) or so in the logarithm, for two degrees of freedom each.
@@ -170,11 +170,11 @@ def test_the_leading_run_is_the_study_s_first() -> None:
 def test_fidelity_of_an_older_version_is_no_error(dataset: Dataset, tmp_path: Path) -> None:
     scores = scored(dataset, tmp_path, estimate_rows(dataset, ["true"]))
     dataset.manifest["fidelity"] = {"circles": 3, "shift_x_px": {"mean": 0.0}}
-    found = summary_of(dataset, scores)["dataset"]["fidelity"]
+    found = summary_of(dataset, scores).dataset["fidelity"]
     assert found["circles"] == 0
     assert "older version" in found["reason"]
     whole = dict.fromkeys(
         ("shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", "z_rms", "z_passed", "z_consistent"), 1.0
     )
     dataset.manifest["fidelity"] = {"circles": 3, **whole, "by_effect": {"none": whole}}
-    assert summary_of(dataset, scores)["dataset"]["fidelity"] == dataset.manifest["fidelity"]
+    assert summary_of(dataset, scores).dataset["fidelity"] == dataset.manifest["fidelity"]
