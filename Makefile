@@ -1,4 +1,4 @@
-# Roundel's errands. `make help` lists them. Recipes are POSIX sh; everything runs from .venv.
+# Make targets for Roundel; `make help` lists them. Recipes are POSIX sh; everything runs from .venv.
 
 PYTHON ?= python3
 PYTEST_FLAGS ?=
@@ -8,7 +8,7 @@ BENCH_FLAGS ?=
 BENCH_PYTHON ?= python3.11
 FUZZ_SECONDS ?= 300
 BIN = .venv/bin
-ROOMS = configs scenes render datasets solver validate cli
+PACKAGES = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
@@ -58,8 +58,8 @@ check: env links ## ruff, mypy --strict, import-linter
 # folders: .links/roundel has the folders, with a link for each file. Made anew each time, so that no old link is left.
 links:
 	@rm -rf .links
-	@for folder in $$(find $(ROOMS) -type d ! -name __pycache__) .; do mkdir -p ".links/roundel/$$folder"; done
-	@for file in $$(find $(ROOMS) -name '*.py' -o -name py.typed); do ln -s "$(CURDIR)/$$file" ".links/roundel/$$file"; done
+	@for folder in $$(find $(PACKAGES) -type d ! -name __pycache__) .; do mkdir -p ".links/roundel/$$folder"; done
+	@for file in $$(find $(PACKAGES) -name '*.py' -o -name py.typed); do ln -s "$(CURDIR)/$$file" ".links/roundel/$$file"; done
 	@for file in __init__.py py.typed; do ln -s "$(CURDIR)/roundel/$$file" ".links/roundel/$$file"; done
 
 gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet
@@ -95,7 +95,7 @@ fuzz-env: env ## atheris, for `make fuzz`; without it hypothesis fuzzes alone
 
 clean: ## remove caches, links, build products and out/demo
 	rm -rf .links .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist roundel.egg-info out/demo
-	find $(ROOMS) tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## clean, and remove .venv, .venv-bench and .bench-peers too
 	rm -rf .venv .venv-bench .bench-peers

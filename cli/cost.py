@@ -1,4 +1,4 @@
-"""What a study will cost, before it is rendered: frames, time, disk. Orders of magnitude, and said so."""
+"""Cost of a study before rendering: frames, time, disk, as orders of magnitude."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`roundel doctor`: what is installed, what was chosen, what is missing and its remedy."""
+"""`roundel doctor`: installed versions, the backend, and what is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C: seen even where it goes astray.
+"""Deliver KeyboardInterrupt even when the renderer swallows it.
 
 KeyboardInterrupt may be raised inside a plugin that the renderer was calling. It then comes back as an error of the
 renderer, or not at all. So the signal is remembered, and looked for between frames.

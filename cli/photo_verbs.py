@@ -1,4 +1,4 @@
-"""What the verbs do that deal with the world outside: photographs, and markers on paper."""
+"""Verbs for photographs and for printed markers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shipped studies by name: listed, printed, written as a starting point, and found where a file is not."""
+"""Shipped studies by name: listed, printed, copied as a starting point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each verb does: a few lines that call the rooms. No numerics here."""
+"""The verbs: each a few lines that call the packages."""
 
 from __future__ import annotations
 

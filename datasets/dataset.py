@@ -1,4 +1,4 @@
-"""A dataset with its truth: what the validator opens (a solver opens `datasets.images`)."""
+"""A dataset with its truth, for the validator (solvers use `datasets.layout.images`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last step of a dataset: what the frames add up to, and the manifest, written last of all."""
+"""Finishing a dataset: its tables, and the manifest, written last."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flags of frames that are there and yet show nothing: what a user would want to know before trusting a figure.
+"""Flags of frames that may mislead: saturated, occluded, outside the image.
 
 `saturated`: the marker's sheet is burnt out; `dark`: there was no light, or too little for 1 DN; `occluded`: nothing of
 the marker is visible.

@@ -1,4 +1,4 @@
-"""Whether the frames of a dataset were rendered from the numbers that its study draws today."""
+"""Check that a dataset's frames were rendered from the numbers that its study draws."""
 
 from __future__ import annotations
 

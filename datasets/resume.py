@@ -1,4 +1,4 @@
-"""A dataset in the making: its folder made ready, its finished frames found again, each new one recorded."""
+"""Resuming a dataset: the folder prepared, finished frames found, new ones recorded."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def reopen(dataset: Path, entries: dict[int, journal.Entry]) -> None:
 
 
 def record(dataset: Path, entries: dict[int, journal.Entry], entry: journal.Entry, seconds: dict[str, float]) -> None:
-    """Enter a finished frame, whose files are safe: its journal line, and what the clock saw."""
+    """Enter a finished frame, whose files are safe: its journal line and its timings."""
     journal.append(dataset, entry)
     entries[entry["frame_id"]] = entry
     line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})

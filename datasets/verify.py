@@ -1,4 +1,4 @@
-"""Integrity of a dataset: every file there, of its size, and (in full) of its checksum and readable. Never writes."""
+"""Integrity of a dataset: presence, size, checksum and readability of every file. Never writes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mitsuba and its LLVM: found, started once, or explained.
+"""Mitsuba and LLVM: found, started once, or a clear error.
 
 Dr.Jit loads libLLVM at run time. Version 15 kills the process (`Cannot select ... fminimum`), older than 15 is refused,
 16 and newer work. The package `karellen-llvm-core` brings one into the environment; the user's own

@@ -1,4 +1,4 @@
-"""A developed frame on disk: the bytes of its files, and its line in the journal."""
+"""Files of a frame on disk, and its line in the journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A frame to linear radiance: our own rays, light transport, mean and variance a pixel.
+"""A frame to linear radiance: rays, light transport, mean and variance of each pixel.
 
 Each pixel is estimated by 8 independently stratified replicates. Their scatter is the variance of the estimate; the
 scatter of single stratified samples would overstate it (five times at an edge).

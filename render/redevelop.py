@@ -1,4 +1,4 @@
-"""`roundel develop`: a rendered dataset's radiance to a dataset of another sensor, without rendering."""
+"""`roundel develop`: a dataset's radiance exposed with another sensor, without rendering."""
 
 from __future__ import annotations
 

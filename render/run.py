@@ -1,4 +1,4 @@
-"""`roundel render`: a study to a dataset on disk. Resumes by itself; a killed run loses at most the frame it was at."""
+"""`roundel render`: a study to a dataset on disk; resumes, and loses at most the current frame when killed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Progress = Callable[[int, int], None]
 # Compressing a frame takes about as long as tracing it, on one core: two at a time keep up.
 _FINISHERS = 2
 
-# A frame's journal line, and what the clock saw.
+# A frame's journal line and its timings.
 Done = tuple[journal.Entry, dict[str, float]]
 
 
@@ -79,7 +79,7 @@ def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) ->
     entry : dict
         The frame's journal line, see `frame_files.entry_of`.
     seconds : dict
-        What the clock saw, for timings.jsonl.
+        Timings, for timings.jsonl.
     """
     return _finished(frame, *_traced(frame, variant), dataset)
 

@@ -1,4 +1,4 @@
-"""Expected failures: each is one line for the user, and carries the exit code of the command."""
+"""Expected failures: one-line messages with the exit status of the command."""
 
 from __future__ import annotations
 

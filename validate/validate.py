@@ -30,19 +30,19 @@ from roundel.validate.calibration.opencv import (
     read_camera,
 )
 from roundel.validate.calibration.study_calibrations import Calibrations, several_calibrations
-from roundel.validate.claims.calibration_benefit import Worth, off_axis_deg, worth_of
-from roundel.validate.claims.calibration_benefit_text import worth_record
+from roundel.validate.claims.calibration_benefit import CalibrationBenefit, calibration_benefit, off_axis_deg
+from roundel.validate.claims.calibration_benefit_text import benefit_record
 from roundel.validate.claims.robustness import sweep_summary, sweeps_of
 from roundel.validate.claims.verdicts import Verdict, verdict_record, verdicts_of
 from roundel.validate.estimates.reader import find_estimates
 from roundel.validate.estimates.runs import Run, read_runs
 from roundel.validate.figures.calibration import calibration_pictures
-from roundel.validate.figures.calibration_benefit import worth_picture
+from roundel.validate.figures.calibration_benefit import benefit_picture
 from roundel.validate.figures.error_curves import pictures
-from roundel.validate.figures.errors_by_variable import matrix_pictures
+from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst
 from roundel.validate.figures.robustness import sweep_pictures
-from roundel.validate.figures.side_by_side import entries_of, method_pairs, pair_tables, side_by_side_pictures
+from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.metrics.ground_truth import Targets, true_targets
@@ -106,7 +106,9 @@ def validate_dataset(
     reference = _reference(dataset, views, targets, camera_path, camera)
     scores = _scored(dataset, targets, runs, reference)
     calibrations = _calibrations(dataset, views)
-    benefit = worth_of(scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None)
+    benefit = calibration_benefit(
+        scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None
+    )
     verdicts = verdicts_of(scores.table, dataset.study)
     settings = {
         "reprojection_extent_D": float(extent_D),
@@ -119,7 +121,7 @@ def validate_dataset(
         filled_in={f"{run.method}, {run.intrinsics}": list(run.filled) for run in runs if run.filled},
         calibrations=calibrations.several.records if calibrations.several else [],
         calibration_subsets=calibrations.several.subsets if calibrations.several else [],
-        worth=worth_record(benefit) if benefit else None,
+        worth=benefit_record(benefit) if benefit else None,
         sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
         verdicts=[verdict_record(verdict) for verdict in verdicts],
         checksums=_checksums(dataset, files, written),
@@ -181,26 +183,28 @@ def _pictures(
     dataset: Dataset,
     scores: Scores,
     summary: Summary,
-    benefit: Worth | None,
+    benefit: CalibrationBenefit | None,
     verdicts: list[Verdict],
     calibrations: _Calibrations,
 ) -> Pictures:
     """Every figure of the report."""
     main = main_run(summary)
     return Pictures(
-        lead=[worth_picture(benefit)] if benefit else [],
+        lead=[benefit_picture(benefit)] if benefit else [],
         verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
         errors=pictures(scores.table, main["method"]),
         sweeps=sweep_pictures(summary.sweeps),
-        matrix=matrix_pictures(scores.table, main["method"], main["intrinsics"]),
-        comparison=side_by_side_pictures(entries_of(scores.table, summary.runs), "Methods and intrinsics side by side"),
+        matrix=variable_pictures(scores.table, main["method"], main["intrinsics"]),
+        comparison=side_by_side_pictures(
+            runs_to_compare(scores.table, summary.runs), "Methods and intrinsics side by side"
+        ),
         calibration=calibration_pictures(calibrations.several),
     )
 
 
 def _compared(scores: Scores, summary: Summary) -> list[Table]:
     """Tables of the methods against the one that the report leads with."""
-    return pair_tables(method_pairs(entries_of(scores.table, summary.runs), main_run(summary)["method"]))
+    return pair_tables(method_pairs(runs_to_compare(scores.table, summary.runs), main_run(summary)["method"]))
 
 
 def _parquet(table: pa.Table) -> bytes:

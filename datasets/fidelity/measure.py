@@ -1,4 +1,4 @@
-"""Fidelity: how far the rendered image of a circle lies from its float64 prediction, measured.
+"""Fidelity: difference between the rendered image of a circle and its float64 prediction.
 
 The radiance around a circle is explained, by weighted linear least squares, as
 

@@ -1,4 +1,4 @@
-"""Exact areas of closed curves in pixels: signed areas of short segments, by Green's theorem.
+"""Exact areas of closed curves in pixels, by Green's theorem.
 
 A segment that goes by dy within one pixel adds to that pixel dy times its distance to the pixel's right side, and dy
 times the pixel's width to every pixel right of it; a sum along the rows then leaves the area inside. The

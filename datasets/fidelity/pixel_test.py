@@ -1,4 +1,4 @@
-"""Whether pixels differ from a prediction by their Monte-Carlo error and no more.
+"""Test whether pixels differ from a prediction by their Monte-Carlo error alone.
 
 Each difference over its standard error is Student's t with 7 degrees of freedom, as a pixel's variance comes from 8
 replicates. Its normal score z is tested twice: the worst of n pixels against Sidak's limit (Sidak 1967), which sees a

@@ -1,4 +1,4 @@
-"""What an image of a print must be, in float64: the analytic pattern integrated over pixel, lens, time and wavelength.
+"""Predicted image of a print in float64: the pattern integrated over pixel, lens, time and wavelength.
 
 Nothing here is shared with the generator of rays but the camera's forward projection and the motion: where that goes
 from a pixel to the scene, this goes from the edges of the print to the image. At each of many nodes (a point of the

@@ -1,4 +1,4 @@
-"""The pattern of a print as closed edges: circles and polygons, each with the step of reflectance inside it."""
+"""The pattern of a print as closed edges with their steps of reflectance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a camera images the edges of a print: by forward projection only, node by node.
+"""Images of a print's edges, by forward projection only.
 
 Seen through one point of the lens, at one time, displaced by one offset of the Airy pattern, an edge is a sharp curve.
 A scene point (X, Y, Z) seen through the lens point l of a thin lens focused at u has the undistorted normalised

@@ -1,4 +1,4 @@
-"""The points over which a prediction averages: where on the lens, when, how far diffracted, how deep in a soft edge."""
+"""Quadrature nodes of a prediction: lens, time, diffraction, soft edges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which circles fidelity is measured on, what is at work on their edges, and why others are left out."""
+"""Which circles fidelity is measured on, and why others are left out."""
 
 from __future__ import annotations
 

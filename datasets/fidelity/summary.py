@@ -1,4 +1,4 @@
-"""The fidelity of a dataset, from that of its circles: in figures, over all and by effect, and in a few lines."""
+"""Fidelity of a dataset, summarised over circles and by effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The write protocol, and the names of a dataset's files.
+"""File names of a dataset, and the write protocol.
 
 A file appears whole or not at all: a temporary name in the same folder, write, flush, fsync, close, `os.replace`,
 fsync of the folder. Solver and validator write their records the same way.

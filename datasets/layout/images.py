@@ -1,4 +1,4 @@
-"""Images and cameras of a dataset: all that a solver may open. Nothing here knows the truth."""
+"""Images and cameras of a dataset: all that a solver may open."""
 
 from __future__ import annotations
 

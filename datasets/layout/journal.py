@@ -1,4 +1,4 @@
-"""The journal: one line a finished frame, appended when its files are safe; a frame is done when both agree."""
+"""The journal: one line for each finished frame, appended when its files are safe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The manifest of a dataset: read, and refused where it is not one."""
+"""The manifest of a dataset, read and checked."""
 
 from __future__ import annotations
 

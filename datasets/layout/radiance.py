@@ -1,4 +1,4 @@
-"""Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance beside it.
+"""Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance.
 
 Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres (0: nothing was hit),
 `coverage.<marker_id>`, `noise_dn` standard deviation of the developed pixel.
@@ -30,7 +30,7 @@ def rounded(channel: str, plane: NDArray[np.float32]) -> NDArray[np.float32]:
     if channel not in _DIGITS:
         return exact
     dropped = 24 - _DIGITS[channel]
-    # Half of the last digit kept is added; a carry runs on into the exponent, as it should.
+    # Round to nearest by adding half an ulp of the kept precision; overflow carries into the exponent.
     bits = exact.view(np.uint32) + np.uint32(1 << (dropped - 1))
     return np.asarray(bits & np.uint32(0xFFFFFFFF << dropped & 0xFFFFFFFF)).view(np.float32)
 

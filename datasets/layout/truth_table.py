@@ -1,4 +1,4 @@
-"""truth.parquet and truth.csv: the columns, in order, and their writers."""
+"""Columns of truth.parquet and truth.csv, and their writers."""
 
 from __future__ import annotations
 

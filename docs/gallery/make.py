@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from roundel.render.run import render_study
-from roundel.scenes.study.layers import laid_over, preset_names
+from roundel.scenes.study.layers import deep_merge, preset_names
 
 HERE = Path(__file__).parent
 TILE, CAPTION, GAP = (320, 240), 40, 8
@@ -55,7 +55,7 @@ def indoor_map(path: Path) -> None:
 def _study(own: dict[str, Any], zoom: int) -> dict[str, Any]:
     study = yaml.safe_load(BASE)
     size = {"width_px": TILE[0] // zoom, "height_px": TILE[1] // zoom}
-    merged: dict[str, Any] = laid_over(laid_over(study, {"camera": size}), own)
+    merged: dict[str, Any] = deep_merge(deep_merge(study, {"camera": size}), own)
     return merged
 
 

@@ -1,4 +1,4 @@
-"""Markers to print: a section of a study for each kind, all of whose sizes follow from one diameter."""
+"""Marker layouts for printing: all sizes follow from one diameter."""
 
 from __future__ import annotations
 

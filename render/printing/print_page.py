@@ -1,4 +1,4 @@
-"""A marker to print, to scale: the sheet that the renderer renders, as vectors, with rulers that check the printer."""
+"""Printable page: the sheet as vectors, to scale, with rulers to check the printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the edges of a frame are imaged: bands of pixels round them, known in closed form.
+"""Bands of pixels around the imaged edges of a frame, in closed form.
 
 Edges of the print, the border of the sheet, outlines of what stands before it; widened by defocus, soft print, the core
 of the Airy pattern, and by all that they sweep while the shutter is open.

@@ -1,4 +1,4 @@
-"""Which pixels get how many rays: few where the image is smooth, many where it has structure.
+"""Samples per pixel: few where the image is smooth, many where it has structure.
 
 Where the print's edges are imaged is known in closed form. How many rays a pixel there needs, a pilot of few rays
 tells: its variance, smoothed over neighbours, against the target error. Pilots are thrown away: a count that was

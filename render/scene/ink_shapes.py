@@ -1,4 +1,4 @@
-"""Coverage of ink and the lattices of grain and clutter, traced by Dr.Jit in float32.
+"""Coverage of ink, grain and clutter, traced by Dr.Jit in float32.
 
 The definitions are those of `roundel.scenes.markers.ink_pattern` and `roundel.scenes.markers.value_noise`; the integers
 that are hashed are the same. Every number is opaque to the tracer: a kernel depends on the kinds of shapes and on their

@@ -1,4 +1,4 @@
-"""Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once and kept from frame to frame."""
+"""Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once."""
 
 from __future__ import annotations
 

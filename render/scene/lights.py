@@ -1,4 +1,4 @@
-"""The lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps."""
+"""Lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps."""
 
 from __future__ import annotations
 

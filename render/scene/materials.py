@@ -1,4 +1,4 @@
-"""What light falls on, for Mitsuba: the print under its gloss, and the things that stand before it."""
+"""Materials for Mitsuba: the print under its gloss, and the occluders."""
 
 from __future__ import annotations
 

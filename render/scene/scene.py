@@ -1,4 +1,4 @@
-"""A frame as a Mitsuba scene: one plane that carries sheet and wall, lights, and what stands before the print.
+"""A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders.
 
 World coordinates are the camera frame at time 0. Every frame can be built so; a plain one is faster in closed form
 (`roundel.render.scene.transport`).

@@ -1,4 +1,4 @@
-"""Light on a plain sheet, in closed form: no search for what a ray meets, and no noise but the lamps' own.
+"""Light transport on a plain sheet in closed form, without ray intersection.
 
 A frame is plain when a matte sheet stands under a sky and lamps, with nothing between. A ray then meets the plane by
 one division. A sky lights all of the plane alike, so that its irradiance is worked out once; a lamp is a hole in a

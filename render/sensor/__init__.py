@@ -1,13 +1,11 @@
 """Radiance to digital numbers: electrons, curve, mosaic, encoding.
 
-curve: The delivered numbers: from the converter's by white balance, a curve and the bits of the file
-data_sheet: A sensor as its data sheet would describe it: what a section of a study, with all numbers drawn, comes
-    to
-demosaic: Bayer mosaics: which pixel has which filter, and colours interpolated between them
-develop: From linear radiance to the image that is delivered: exposure, sensor, colours, curve; with what is known
-    of it
-encode: An image as the bytes of its file: PNG without loss, or JPEG
-exposure: How long to expose: on the sheet's white, or as the study says; and what makes that white grey
-photometry: The noise a pixel truly has, and the contrast of a marker's edge, in the numbers of the file
-sensor: Radiance to the converter's numbers: photons, electrons, DN (EMVA 1288 release 4.0, linear camera model)
+curve: Digital numbers of the file: white balance, curve, and bit depth
+data_sheet: Data sheet of a sensor: the section of a study with all numbers drawn
+demosaic: Bayer mosaics: the filter of each pixel, and bilinear interpolation
+develop: From linear radiance to the delivered image: exposure, sensor, colours, curve
+encode: Image files as bytes: PNG or JPEG
+exposure: Exposure: for the sheet's white or as the study asks, and the white balance
+photometry: Noise of a pixel and contrast of a marker's edge, in digital numbers
+sensor: Radiance to digital numbers: photons, electrons, DN (EMVA 1288 release 4.0, linear camera model)
 """

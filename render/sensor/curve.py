@@ -1,4 +1,4 @@
-"""The delivered numbers: from the converter's by white balance, a curve and the bits of the file."""
+"""Digital numbers of the file: white balance, curve, and bit depth."""
 
 from __future__ import annotations
 

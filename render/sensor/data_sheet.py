@@ -1,4 +1,4 @@
-"""A sensor as its data sheet would describe it: what a section of a study, with all numbers drawn, comes to.
+"""Data sheet of a sensor: the section of a study with all numbers drawn.
 
 The terms are those of EMVA 1288 (release 4.0, linear model): overall gain K in DN an electron, dark signal, PRNU, DSNU.
 """

@@ -1,4 +1,4 @@
-"""Bayer mosaics: which pixel has which filter, and colours interpolated between them."""
+"""Bayer mosaics: the filter of each pixel, and bilinear interpolation."""
 
 from __future__ import annotations
 

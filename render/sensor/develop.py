@@ -1,4 +1,4 @@
-"""From linear radiance to the image that is delivered: exposure, sensor, colours, curve; with what is known of it."""
+"""From linear radiance to the delivered image: exposure, sensor, colours, curve."""
 
 from __future__ import annotations
 

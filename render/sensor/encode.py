@@ -1,4 +1,4 @@
-"""An image as the bytes of its file: PNG without loss, or JPEG."""
+"""Image files as bytes: PNG or JPEG."""
 
 from __future__ import annotations
 

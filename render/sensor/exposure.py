@@ -1,4 +1,4 @@
-"""How long to expose: on the sheet's white, or as the study says; and what makes that white grey."""
+"""Exposure: for the sheet's white or as the study asks, and the white balance."""
 
 from __future__ import annotations
 

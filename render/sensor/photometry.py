@@ -1,4 +1,4 @@
-"""The noise a pixel truly has, and the contrast of a marker's edge, in the numbers of the file."""
+"""Noise of a pixel and contrast of a marker's edge, in digital numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Radiance to the converter's numbers: photons, electrons, DN (EMVA 1288 release 4.0, linear camera model).
+"""Radiance to digital numbers: photons, electrons, DN (EMVA 1288 release 4.0, linear camera model).
 
 mean electrons = radiance * exposure * (1 + PRNU pattern) + dark signal; their number is Poisson (shot noise); DSNU
 pattern and read noise are added; the full well clips; gain and black level make DN of them; rounding.
@@ -64,7 +64,7 @@ def expose(
         rows = slice(edges[band], edges[band + 1])
         electrons = radiance[rows].astype(np.float64) * exposure_e
         if prnu is not None:
-            # A pixel may be deaf; it is never negative.
+            # Clamp at zero: sensitivity cannot be negative.
             electrons *= np.maximum(1.0 + prnu[rows], 0.0)
         electrons += sheet.dark_e
         np.maximum(electrons, 0.0, out=electrons)

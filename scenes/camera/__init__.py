@@ -1,10 +1,10 @@
 """Cameras: projection, lenses, motion and shutter, diffraction.
 
-airy: Diffraction by the aperture: the Airy pattern, cut where it is declared to end
+airy: Diffraction by the aperture: the Airy pattern, truncated at a declared radius
 lens_fisheye: OpenCV's fisheye (Kannala and Brandt, 2006) on normalised coordinates: forward, field, and the exact
     inverse
 lens_opencv: OpenCV's lens model on normalised coordinates: forward with its Jacobian, its field, and the exact
     inverse
 model: The camera: intrinsics, the lens model and the thin lens, in float64
-motion: Motion over the exposure: constant twists, and the time at which each row of the sensor is exposed
+motion: Motion over the exposure: constant twists, and the exposure time of each sensor row
 """

@@ -1,4 +1,4 @@
-"""Diffraction by the aperture: the Airy pattern, cut where it is declared to end.
+"""Diffraction by the aperture: the Airy pattern, truncated at a declared radius.
 
 Incoherent light of wavelength L through an aperture of radius A spreads over angles alpha (offsets in normalised
 image coordinates) with intensity (2 J1(x) / x)^2, x = 2 pi A alpha / L (Born and Wolf, Principles of Optics, 8.5.2);

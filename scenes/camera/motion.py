@@ -1,4 +1,4 @@
-"""Motion over the exposure: constant twists, and the time at which each row of the sensor is exposed.
+"""Motion over the exposure: constant twists, and the exposure time of each sensor row.
 
 Time 0 is the middle of the exposure of the row where the centre of the sheet's first part stands; the pose of record
 of that part is the one at time 0. A body's twist is given in its own frame: velocity and rate of rotation,

@@ -1,4 +1,4 @@
-"""Conics: the image of a circle, its ellipse, the image of its centre, and the second pose that explains it.
+"""Conics: the image of a circle, its ellipse, the image of its centre, and the second pose.
 
 A conic is a symmetric 3x3 matrix C with x^T C x = 0 in undistorted pixel coordinates, of unit Frobenius norm,
 positive inside. An ellipse is (x_px, y_px, a_px, b_px, angle_deg): semi-axes a >= b, angle from +x toward +y.

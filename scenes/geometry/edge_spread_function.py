@@ -1,4 +1,4 @@
-"""What a pixel records of a straight edge: the area of a square, blurred by a Gaussian, in closed form."""
+"""Edge spread function of a square pixel with Gaussian blur, in closed form."""
 
 from __future__ import annotations
 

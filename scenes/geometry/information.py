@@ -1,4 +1,4 @@
-"""Fisher information: how well any estimator can know a circle's pose from its contour, or an ellipse from its pixels.
+"""Fisher information of a circle's pose in its contour, and of an ellipse in its pixels.
 
 Contours: edge point i is pi(X(t_i)) + N(0, sigma^2 I). Where along the circle it came from, t_i, is unknown, and the
 Schur complement over t_i leaves the component along the image normal nu_i of the contour (errata, section 6):

@@ -1,4 +1,4 @@
-"""How a sheet reflects, point by point, in float64: the definition that `roundel.render.scene.ink` follows ray by ray.
+"""Reflectance of a sheet, point by point, in float64: the definition of what `roundel.render.scene.ink` traces.
 
 Coverage of ink. Sharp edges are decided by inequalities. With `edge_softness_m` = w every edge is a linear ramp of full
 width w, centred on it: of circles along the radius; of squares, bars and cells as the sharp pattern averaged over a

@@ -1,4 +1,4 @@
-"""Where the edges of a sheet are, as polylines: what a renderer has to look at closely."""
+"""Outlines of a sheet's edges as polylines, for the allocation of samples."""
 
 from __future__ import annotations
 

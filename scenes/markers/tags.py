@@ -1,4 +1,4 @@
-"""Square tags: which of their cells are ink, by family and id; and which tag stands where on a board.
+"""Square tags: their cells by family and id, and their layout on a board.
 
 The bits are those of OpenCV's predefined dictionaries, so that its detectors read what is rendered.
 """

@@ -1,4 +1,4 @@
-"""Random numbers that belong to places: the grain of paper, and clutter on a wall.
+"""Value noise: random numbers that belong to places, for paper grain and clutter.
 
 A place's lattice cell and a seed are hashed to integers by pcg3d (Jarzynski and Olano, Hash functions for GPU
 rendering, JCGT 9(3), 2020), in 32-bit arithmetic that the renderer repeats exactly.

@@ -1,4 +1,4 @@
-"""The keys of a camera and of its motion: the lens, the shutter, the twists."""
+"""Keys of the camera and its motion: lens, shutter, twists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study and a frame are, as checksums: which study a dataset is of, and which numbers a frame was made from."""
+"""Identity of studies and frames as checksums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layers of a study: a preset, over it what all groups share, over it a group's own keys."""
+"""Layers of a study: a preset, then shared keys, then a group's own keys."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from roundel.scenes.study.values import is_spread
 from roundel.scenes.study.yaml_reader import read_yaml
 
-# Of these one is given, not both: one that is said takes the place of the other from below.
+# Mutually exclusive keys: setting one removes the other from the inherited layer.
 _EITHER = (
     {"frames", "frames_per_cell"},
     {"focal_px", "focal_mm"},
@@ -20,14 +20,14 @@ _EITHER = (
 )
 
 
-def laid_over(below: Any, own: Any) -> Any:
+def deep_merge(below: Any, own: Any) -> Any:
     """`own` over `below`: mappings merge key by key; a spread, a list, a section of another kind replaces."""
     if not (isinstance(below, dict) and isinstance(own, dict)) or is_spread(below) or is_spread(own):
         return own
     if "kind" in own and "kind" in below and own["kind"] != below["kind"]:
         return own
     kept = {k: v for k, v in below.items() if not any(k in pair and (pair - {k}) & set(own) for pair in _EITHER)}
-    return {**kept, **{k: laid_over(kept[k], v) if k in kept else v for k, v in own.items()}}
+    return {**kept, **{k: deep_merge(kept[k], v) if k in kept else v for k, v in own.items()}}
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""An environment map as a file: there, an OpenEXR image of a bearable size, and the one that was meant.
+"""Check an environment-map file: it exists, is OpenEXR within the size limit, and matches its recorded checksum.
 
 Only the header is read here (OpenEXR, "File Layout": magic number, version, then attributes of name, type, size and
 value, ended by a zero byte); the renderer decodes the pixels.

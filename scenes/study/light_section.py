@@ -1,4 +1,4 @@
-"""The keys of light, and of what stands in its way."""
+"""Keys of lights and occluders."""
 
 from __future__ import annotations
 

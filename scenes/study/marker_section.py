@@ -1,4 +1,4 @@
-"""The keys of a marker: what is printed, on what paper, and what the wall behind it looks like."""
+"""Keys of a marker: what is printed, on which paper, and the wall behind it."""
 
 from __future__ import annotations
 

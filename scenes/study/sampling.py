@@ -1,4 +1,4 @@
-"""Which number each frame draws for each spread of a study.
+"""Sampling: the number that each frame draws for each distribution of a study.
 
 Grids are walked cell by cell. All other spreads of a group are the dimensions of one scrambled Halton sequence, so
 that even a few frames fill every degree of freedom evenly (Halton 1960; scrambling by Owen 2017, as in

@@ -1,4 +1,4 @@
-"""The keys of a study, as strict pydantic models: no unknown key, no infinite number, no surprise.
+"""Keys of a study as strict pydantic models.
 
 A group's section is what all groups share, with the group's own keys laid over it; `scenes.study` does the merging.
 """

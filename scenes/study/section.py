@@ -1,4 +1,4 @@
-"""What every section of a study is: strict, frozen, finite."""
+"""Base class of all sections of a study: strict, frozen, finite."""
 
 from __future__ import annotations
 

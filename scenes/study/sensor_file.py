@@ -1,4 +1,4 @@
-"""Another sensor for a study that is rendered already: the keys of a `sensor:` section, laid over every group's own.
+"""A `sensor:` section from its own file, applied to every group of a study.
 
 Only what happens behind the filters can change: gain, noise, exposure, bits, colours, the file. What decides the rays
 (fill factor, mosaic), and what frames there are (grids, a sweep), stays.

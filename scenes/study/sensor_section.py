@@ -1,4 +1,4 @@
-"""The keys of a sensor, in the terms of EMVA 1288 (release 4.0, linear camera model), and of the file it delivers."""
+"""Keys of a sensor, in the terms of EMVA 1288 (release 4.0, linear camera model), and of the image file."""
 
 from __future__ import annotations
 

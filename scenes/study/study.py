@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from roundel.scenes.errors import StudyError
 from roundel.scenes.study.identity import study_digest
-from roundel.scenes.study.layers import laid_over, preset, preset_names
+from roundel.scenes.study.layers import deep_merge, preset, preset_names
 from roundel.scenes.study.light_map import map_sha256
 from roundel.scenes.study.light_section import LAMPS
 from roundel.scenes.study.marker_section import KINDS as MARKERS
@@ -133,7 +133,7 @@ def _nearest(word: str, known: list[str]) -> str:
 
 
 def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A place of pydantic's as it stands in the file: without the tags of unions and the arms of others."""
+    """Convert a pydantic error location to a key path in the file, dropping union tags."""
     kept: list[Any] = []
     kinds: dict[str, type[Section]] = {}
     for part in raw:
@@ -193,7 +193,7 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
 
 
 def validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, group: str | None) -> Any:
-    """A section from its raw keys; what is wrong with them is said at its place in the file (a StudyError)."""
+    """Validate raw keys into a section; errors carry their position in the file."""
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -243,7 +243,7 @@ def load_study(path: str | Path) -> Study:
             raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
         named = section.get("preset", shared.get("preset"))
         layers = [_preset(named, path, _place(marks, name, ("preset",))), shared, section]
-        merged = reduce(laid_over, layers)
+        merged = reduce(deep_merge, layers)
         merged.pop("preset", None)
         groups[name] = validated(GroupSection, merged, path, marks, name)
     study = Study(path, head.name, head.seed, head.licence, groups, head.solve, head.validate_, marks)

@@ -1,4 +1,4 @@
-"""A study's value: a number, or a spread of numbers that each frame draws from.
+"""Values of a study: a number, or a distribution that each frame draws from.
 
 focal_px: 1280                     a constant
 tilt_deg: {grid: [15, 30, 45]}     every combination of all grids is a cell

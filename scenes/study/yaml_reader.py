@@ -1,4 +1,4 @@
-"""YAML as studies use it: YAML 1.2 scalars, every value with its line and column, nothing clever.
+"""YAML 1.2 scalars with the line and column of every value.
 
 PyYAML reads the syntax; the scalars are resolved here by the core schema of YAML 1.2.2 (section 10.3), so that
 `1e-3` is a number and `no` is a word. Aliases, tags and duplicate keys are refused; size and depth are capped.

@@ -1,4 +1,4 @@
-"""Points mode: noisy points of the true contour, the paper's own experiment without images (its section V)."""
+"""Points mode: noisy points on the true contour, the paper's experiment without images (its section V)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rolling shutter: a pose for each row of the sensor on which a marker is imaged."""
+"""Rolling shutter: the pose for each sensor row on which a marker is imaged."""
 
 from __future__ import annotations
 

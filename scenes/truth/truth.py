@@ -1,4 +1,4 @@
-"""The exact truth of a frame, in float64: one row a marker.
+"""The exact truth of a frame, in float64: one row for each marker.
 
 Names, frames and units are those of `docs/dataset-format.md`. What depends on the developed image (contrast and noise
 at the edge) is added when the frame is finished.

@@ -1,4 +1,4 @@
-"""Frame i of a study: a pure function of (study, i). Every number drawn, every object placed."""
+"""Frame i of a study, a pure function of (study, i): every number drawn, every object placed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where lamps stand and what they shine on: the geometry that renderer and truth share."""
+"""Geometry of lamps, shared by renderer and truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flat things before the print: what they hide from the camera, in closed form and in float64.
+"""Flat occluders in front of the print: what they hide from the camera, in closed form.
 
 An occluder is parallel to the print, in the sheet's frame. An area lamp hides what is behind it just as well, and
 counts.

@@ -1,4 +1,4 @@
-"""From a marker's section of a study to the sheet that is printed: one function a kind.
+"""From a marker's section to the sheet that is printed: one function for each kind.
 
 Each kind gives its shapes in the order they are painted, its parts (part 0 at the origin), and its finest detail, which
 bounds how soft its edges may be.

@@ -1,4 +1,4 @@
-"""What a calibration is worth against the true camera.
+"""Errors of a calibrated camera against the true one.
 
 The RMS of a calibration says how well the model fits its own corners, not how right the camera is: it stands here
 beside the errors of the parameters and the difference of projection over the whole image (mrcal, "Projection

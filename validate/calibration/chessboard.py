@@ -1,4 +1,4 @@
-"""The chessboard: its corners in an image, and its pose. OpenCV finds; the order and the last hundredth are ours.
+"""Chessboard detection and pose: corners by OpenCV, then ordered and refined.
 
 Board frame: origin at the board's centre, X right, Y up, Z out of the print, metres. `columns` and `rows` count inner
 corners. The top-left square of the print (smallest X, largest Y) is ink.

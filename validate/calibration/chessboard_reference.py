@@ -1,4 +1,4 @@
-"""The chessboard as a second witness: the pose of a circle from the board printed beside it, by `cv2.solvePnP`.
+"""Reference pose from the chessboard: the pose of a circle from the board printed beside it, by `cv2.solvePnP`.
 
 That is how the paper judges real photographs. Here the truth is known as well, so the witness is examined first: its
 own pose is scored against the truth as method `chessboard_pnp`.

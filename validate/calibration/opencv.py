@@ -1,4 +1,4 @@
-"""Calibration from chessboard views by OpenCV. The truth is not looked at: `validate.camera_errors` does that."""
+"""Camera calibration from chessboard views by OpenCV, blind to the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several calibrations of one camera, from few views and from many, each judged against the truth."""
+"""Calibrations of one camera from different numbers of views, each judged against the truth."""
 
 from __future__ import annotations
 

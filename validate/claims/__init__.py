@@ -1,19 +1,12 @@
 """The paper's claims as verdicts, the benefit of a calibration, robustness.
 
-calibration_benefit: Is it worth calibrating the camera? Errors with a calibration beside those without, on the same
-    frames
-calibration_benefit_text: The answer to the paper's question in words and in numbers: where a calibration is worth
-    having, and by how much
-claim: A claim before it is decided: its text, the statistics that speak for or against it, and its known conditions
-conditions: What the paper's claims are decided on: errors by group, on or off the optical axis, for each kind of
-    intrinsics
-normal: The paper's claims about the normal: worse with distance, worst at low tilt, the same whatever the focal
-    length
-position: The paper's claims about the position: calibrated it ignores the distance, uncalibrated it is linear in it
-reprojection: The paper's claims about reprojection: calibrated it grows with distance, uncalibrated it falls and
-    meets it
-robustness: A study that repeats the same frames at several levels of one nuisance: error over level, and where it
-    doubles
-verdicts: The paper's claims as verdicts: each decided on a report's own frames, with its statistic, and written in
-    words
+calibration_benefit: Benefit of a calibration: errors with and without it on the same frames
+calibration_benefit_text: Summary text and record of the benefit of a calibration
+claim: A claim of the paper with its findings, before the decision
+conditions: Experimental conditions of the claims: errors by group, on or off the axis, for each kind of intrinsics
+normal: Claims about the normal: its error grows with distance, is worst at low tilt, ignores the focal length
+position: Claims about the position: independent of distance if calibrated, linear in it if not
+reprojection: Claims about reprojection: it grows with distance if calibrated, falls if not, and the two meet
+robustness: Error over the levels of one nuisance, on the same frames, and the level at which it doubles
+verdicts: Verdicts on the paper's claims, decided on a report's own frames
 """

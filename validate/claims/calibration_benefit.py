@@ -1,4 +1,4 @@
-"""Is it worth calibrating the camera? Errors with a calibration beside those without, on the same frames.
+"""Benefit of a calibration: errors with and without it on the same frames.
 
 The paper's question. Its experiments keep the marker on the optical axis, where the normal does not depend on the focal
 length at all (errata, section 5); the frames off the axis answer it for everybody else, so the two are told apart.
@@ -20,7 +20,7 @@ from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, 
 
 Array = NDArray[np.float64]
 
-# Calibration is worth having where it makes the median error smaller by more than this factor: it costs an afternoon.
+# A calibration is called beneficial if it reduces the median error by more than this factor.
 FACTOR = 2.0
 # Nearer to the axis than this is on it: 10 px of a phone's image.
 ON_AXIS_DEG = 0.5
@@ -48,7 +48,7 @@ class Panel:
     low, high, middle : (bins,) arrays
         Extremes and median of the variable in each bin.
     gains : dict
-        By error's name: `gain_of` each bin.
+        By error's name: `error_ratio` each bin.
     """
 
     part: str
@@ -61,7 +61,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Worth:
+class CalibrationBenefit:
     """Errors of every kind of intrinsics on the same circles, and what calibration gains.
 
     Attributes
@@ -97,7 +97,9 @@ def off_axis_deg(truth: pa.Table) -> dict[tuple[int, int], float]:
     return dict(zip(keys, angle.tolist(), strict=True))
 
 
-def worth_of(table: pa.Table, offset_deg: dict[tuple[int, int], float], board: pa.Table | None = None) -> Worth | None:
+def calibration_benefit(
+    table: pa.Table, offset_deg: dict[tuple[int, int], float], board: pa.Table | None = None
+) -> CalibrationBenefit | None:
     """What calibration is worth, from a table of scores.
 
     Parameters
@@ -111,7 +113,7 @@ def worth_of(table: pa.Table, offset_deg: dict[tuple[int, int], float], board: p
 
     Returns
     -------
-    Worth or None
+    CalibrationBenefit or None
         None where no method has both calibrated and uncalibrated intrinsics.
     """
     truth = table.filter(pa.array([r == "truth" for r in table["reference"].to_pylist()]))
@@ -142,7 +144,7 @@ def _worth(
     part: pa.Table,
     offset_deg: dict[tuple[int, int], float],
     board: pa.Table | None,
-) -> Worth:
+) -> CalibrationBenefit:
     def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
         return list(zip(rows["frame_id"].to_pylist(), rows["marker_id"].to_pylist(), strict=True))
 
@@ -166,9 +168,9 @@ def _worth(
     parts = {name: rows for name, rows in parts.items() if len(rows) >= _MIN_PART} or {"all": np.arange(len(keys))}
     panels = [_panel(p, name, variables[name], rows) for name in variables for p, rows in parts.items()]
     panels.append(_panel("all", "off_axis_deg", offset, np.flatnonzero(np.isfinite(offset))))
-    worth = Worth(method, calibrated, uncalibrated, labels, errors, panels, near, far)
+    worth = CalibrationBenefit(method, calibrated, uncalibrated, labels, errors, panels, near, far)
     for panel in panels:
-        panel.gains.update({e.name: [gain_of(worth, e.name, rows) for rows in panel.bins] for e in ERRORS})
+        panel.gains.update({e.name: [error_ratio(worth, e.name, rows) for rows in panel.bins] for e in ERRORS})
     return worth
 
 
@@ -194,24 +196,26 @@ def _even(values: Array, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return [b for b in np.array_split(order, count) if len(b)] if count else []
 
 
-def median_of(worth: Worth, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
+def median_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
     """Median error of some circles, over those that were solved."""
     values = worth.errors[error][label][rows]
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
-def level_of(worth: Worth, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
+def level_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
     """Median error of some circles with its interval."""
     return bootstrap_interval(worth.errors[error][label][rows], "median", level=LEVEL)
 
 
-def gain_of(worth: Worth, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None) -> Interval:
+def error_ratio(
+    worth: CalibrationBenefit, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None
+) -> Interval:
     """Median error without calibration over that with it; circles are drawn in pairs.
 
     Parameters
     ----------
-    worth : Worth
+    worth : CalibrationBenefit
     error : str
     rows : index array
         Circles; those that one of the two did not solve are left out.

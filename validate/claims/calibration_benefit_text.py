@@ -1,4 +1,4 @@
-"""The answer to the paper's question in words and in numbers: where a calibration is worth having, and by how much."""
+"""Summary text and record of the benefit of a calibration."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from roundel.validate.claims.calibration_benefit import (
     ERRORS,
     FACTOR,
     ON_AXIS_DEG,
+    CalibrationBenefit,
     Panel,
-    Worth,
-    gain_of,
+    error_ratio,
     level_of,
     median_of,
     verdict_of,
@@ -41,7 +41,7 @@ def named(label: str) -> str:
     return {"exif": "EXIF", "scaled": f"focal x {value}"}.get(kind, label)
 
 
-def answer(worth: Worth) -> list[str]:
+def answer(worth: CalibrationBenefit) -> list[str]:
     """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
     views = calibration_views(worth.calibrated)
     source = "A calibration" if views is None else f"A calibration from {views} views"
@@ -54,8 +54,8 @@ def answer(worth: Worth) -> list[str]:
         else "; ".join(f"{name}: {place}" for name, place in places.items())
     )
     return [
-        f"{source} is worth having, that is it makes the median error with {named(worth.uncalibrated)} intrinsics "
-        f"smaller by more than a factor {FACTOR:g}, for the {short}.",
+        f"{source} is beneficial, that is, it reduces the median error with {named(worth.uncalibrated)} intrinsics by "
+        f"more than a factor of {FACTOR:g}, for the {short}.",
         *(_of_error(worth, error) for error in ERRORS),
         *_more_views(worth),
         *_other_intrinsics(worth),
@@ -94,25 +94,25 @@ def _plain(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _panel(worth: Worth, part: str, variable: str) -> Panel | None:
+def _panel(worth: CalibrationBenefit, part: str, variable: str) -> Panel | None:
     return next((p for p in worth.panels if (p.part, p.variable) == (part, variable)), None)
 
 
-def _where(worth: Worth, error: Metric, panel: Panel, beyond: float = -1.0) -> str:
+def _where(worth: CalibrationBenefit, error: Metric, panel: Panel, beyond: float = -1.0) -> str:
     bins = [i for i in range(len(panel.bins)) if panel.low[i] > beyond]
     verdicts = [verdict_of(panel.gains[error.name][i]) for i in bins]
     low, high = panel.low[bins].tolist(), panel.high[bins].tolist()
     return where(verdicts, low, high, _UNITS[panel.variable])
 
 
-def _parts(worth: Worth) -> list[tuple[str, str, Rows]]:
+def _parts(worth: CalibrationBenefit) -> list[tuple[str, str, Rows]]:
     named_parts = (("on_axis", "on the axis", worth.on_axis), ("off_axis", "off the axis", worth.off_axis))
     found = [p for p in named_parts if _panel(worth, p[0], "distance_D") is not None]
     everything = np.union1d(worth.on_axis, worth.off_axis)
     return found or [("all", "over all frames", everything)]
 
 
-def _of_part(worth: Worth, error: Metric, part: str) -> str:
+def _of_part(worth: CalibrationBenefit, error: Metric, part: str) -> str:
     """Where in this part: off the axis by offset, else by distance."""
     offset = _panel(worth, "all", "off_axis_deg")
     if part == "off_axis" and offset is not None:
@@ -121,19 +121,19 @@ def _of_part(worth: Worth, error: Metric, part: str) -> str:
     return "nowhere" if panel is None else _where(worth, error, panel)
 
 
-def _in_short(worth: Worth, error: Metric) -> str:
+def _in_short(worth: CalibrationBenefit, error: Metric) -> str:
     places = [(words, _of_part(worth, error, part)) for part, words, _ in _parts(worth)]
     if len({place for _, place in places}) == 1 and places[0][1] in ("everywhere", "nowhere"):
         return places[0][1]
     return ", ".join(f"{words} {place}" for words, place in places)
 
 
-def _of_error(worth: Worth, error: Metric) -> str:
+def _of_error(worth: CalibrationBenefit, error: Metric) -> str:
     texts = []
     for part, words, rows in _parts(worth):
         without = median_of(worth, error.name, worth.uncalibrated, rows)
         with_it = median_of(worth, error.name, worth.calibrated, rows)
-        gain = gain_of(worth, error.name, rows)
+        gain = error_ratio(worth, error.name, rows)
         text = f"{words} {number(without)}{error.suffix} against {number(with_it)}{error.suffix}, {_times(gain)}"
         panels = [_panel(worth, part, name) for name in ("distance_D", "tilt_deg")]
         places = dict.fromkeys(_where(worth, error, p) for p in panels if p is not None and len(p.bins) > 1)
@@ -149,12 +149,12 @@ def _times(gain: Interval) -> str:
     return f"a factor {number(gain.value, 2)}{bounds}"
 
 
-def _levels(worth: Worth, label: str, rows: Rows) -> str:
+def _levels(worth: CalibrationBenefit, label: str, rows: Rows) -> str:
     values = (median_of(worth, error.name, label, rows) for error in ERRORS)
     return ", ".join(f"{number(v)}{error.suffix}" for v, error in zip(values, ERRORS, strict=True))
 
 
-def _more_views(worth: Worth) -> list[str]:
+def _more_views(worth: CalibrationBenefit) -> list[str]:
     counted = [label for label in worth.labels if calibration_views(label) is not None]
     if len(counted) < 2:
         return []
@@ -165,7 +165,7 @@ def _more_views(worth: Worth) -> list[str]:
     return [f"What more views give, {words} ({', '.join(e.words for e in ERRORS)}): {texts}{truth}."]
 
 
-def _other_intrinsics(worth: Worth) -> list[str]:
+def _other_intrinsics(worth: CalibrationBenefit) -> list[str]:
     others = [x for x in worth.labels if x not in (worth.uncalibrated, "true") and not x.startswith("calibrated:")]
     if not others:
         return []
@@ -176,15 +176,15 @@ def _other_intrinsics(worth: Worth) -> list[str]:
     ]
 
 
-def _focal_alone(worth: Worth) -> list[str]:
+def _focal_alone(worth: CalibrationBenefit) -> list[str]:
     """Where a wrong focal length alone does no harm to the normal, and default intrinsics do: they lack more."""
     scaled = [label for label in worth.labels if label.startswith("scaled:")]
     found = next(((words, rows) for part, words, rows in _parts(worth) if part == "on_axis"), None)
     if found is None or not scaled:
         return []
     words, rows = found
-    harmless = all(verdict_of(gain_of(worth, NORMAL.name, rows, label)) == "no" for label in scaled)
-    if not harmless or verdict_of(gain_of(worth, NORMAL.name, rows)) != "yes":
+    harmless = all(verdict_of(error_ratio(worth, NORMAL.name, rows, label)) == "no" for label in scaled)
+    if not harmless or verdict_of(error_ratio(worth, NORMAL.name, rows)) != "yes":
         return []
     return [
         f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
@@ -193,7 +193,7 @@ def _focal_alone(worth: Worth) -> list[str]:
     ]
 
 
-def _chessboard(worth: Worth) -> list[str]:
+def _chessboard(worth: CalibrationBenefit) -> list[str]:
     if BOARD not in worth.errors[NORMAL.name]:
         return []
     _, words, rows = _parts(worth)[-1]
@@ -204,7 +204,7 @@ def _chessboard(worth: Worth) -> list[str]:
     ]
 
 
-def worth_record(worth: Worth) -> dict[str, Any]:
+def benefit_record(worth: CalibrationBenefit) -> dict[str, Any]:
     """The numbers for summary.json, plain values."""
     panels = []
     for panel in worth.panels:
@@ -242,7 +242,7 @@ def worth_record(worth: Worth) -> dict[str, Any]:
                 **_numbers(level_of(worth, error.name, label, rows)),
                 "gain": None
                 if label in (worth.calibrated, BOARD)
-                else _numbers(gain_of(worth, error.name, rows, label)),
+                else _numbers(error_ratio(worth, error.name, rows, label)),
             }
             for part, rows in parts.items()
             if len(rows)

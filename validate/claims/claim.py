@@ -1,4 +1,4 @@
-"""A claim before it is decided: its text, the statistics that speak for or against it, and its known conditions."""
+"""A claim of the paper with its findings, before the decision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from roundel.validate.claims.conditions import Setting
+from roundel.validate.claims.conditions import Condition
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Decision
 
@@ -27,7 +27,7 @@ class Finding:
     Attributes
     ----------
     where : str
-        Setting.
+        Condition.
     on_axis : bool
         As in the paper.
     statistic : str
@@ -109,7 +109,7 @@ class Claim:
 
 
 def found(
-    setting: Setting,
+    setting: Condition,
     statistic: str,
     words: str,
     decision: Decision,
@@ -137,13 +137,13 @@ def found(
     )
 
 
-def undecided(setting: Setting, statistic: str, region: str, reason: str, *, main: bool = True) -> Finding:
+def undecided(setting: Condition, statistic: str, region: str, reason: str, *, main: bool = True) -> Finding:
     """A finding that the frames do not yield."""
     n = len(setting.frame)
     return Finding(setting.name, setting.on_axis, statistic, None, None, None, n, region, None, False, reason, main)
 
 
-def trend_settings(settings: Sequence[Setting]) -> list[Setting]:
+def trend_conditions(settings: Sequence[Condition]) -> list[Condition]:
     """Settings in which a trend over distance can be asked for; empty without one on the axis, as the paper's is."""
     size = {(s.group, s.on_axis): len(s.frame) for s in settings}
     spread = [s for s in settings if s.spans()]
@@ -152,7 +152,7 @@ def trend_settings(settings: Sequence[Setting]) -> list[Setting]:
     return [*on, *off] if on else []
 
 
-def problem(setting: Setting, *errors: Array, least: int = MIN_CIRCLES) -> str:
+def problem(setting: Condition, *errors: Array, least: int = MIN_CIRCLES) -> str:
     """Why errors of a setting decide nothing; empty if they may."""
     together = np.all([np.isfinite(e) for e in errors], axis=0)
     n, solved = len(together), int(together.sum())

@@ -1,4 +1,4 @@
-"""What the paper's claims are decided on: errors by group, on or off the optical axis, for each kind of intrinsics."""
+"""Experimental conditions of the claims: errors by group, on or off the axis, for each kind of intrinsics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MAX_LEVELS, _BINS = 12, 5
 
 
 @dataclass(frozen=True)
-class Setting:
+class Condition:
     """Circles of one group, on or off the axis: arrays over n circles, errors by intrinsics and column.
 
     Attributes
@@ -103,7 +103,7 @@ def shown(label: str) -> str:
     return f"x{value}" if kind == "scaled" else label
 
 
-def settings_of(table: pa.Table, study: dict[str, Any]) -> list[Setting]:
+def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
     """Every setting that can say something about the paper's claims, those on the axis first.
 
     Parameters
@@ -115,7 +115,7 @@ def settings_of(table: pa.Table, study: dict[str, Any]) -> list[Setting]:
 
     Returns
     -------
-    list of Setting
+    list of Condition
         Of the study's first method, against the truth. Empty for a study of something else: a sweep over anything but
         the pose, a camera that changes from frame to frame, or no pair of a calibrated and an uncalibrated case.
     """
@@ -124,7 +124,7 @@ def settings_of(table: pa.Table, study: dict[str, Any]) -> list[Setting]:
         return []
     texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
     mine = (texts["method"] == method) & (texts["reference"] == "truth")
-    found: list[Setting] = []
+    found: list[Condition] = []
     for group in dict.fromkeys(texts["group"][mine].tolist()):
         section = (study.get("groups") or {}).get(group)
         lens = _lens(section)
@@ -178,7 +178,7 @@ def _lens(section: dict[str, Any] | None) -> _Lens | None:
     return _Lens(float(focal), ratio, cx, cy, default / focal, pure)
 
 
-def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens) -> list[Setting]:
+def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens) -> list[Condition]:
     labels = sorted(set(intrinsics.tolist()), key=intrinsics_rank)
     right = _right(labels)
     if right is None:
@@ -221,7 +221,7 @@ def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens
         if rows.any():
             frame = np.unique(circles[rows, 0], return_inverse=True)[1].astype(np.int64)
             found.append(
-                Setting(
+                Condition(
                     group,
                     on_axis,
                     bool(rows[usable].all()),

@@ -1,4 +1,4 @@
-"""The paper's claims about the normal: worse with distance, worst at low tilt, the same whatever the focal length."""
+"""Claims about the normal: its error grows with distance, is worst at low tilt, ignores the focal length."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from roundel.validate.claims.claim import MIN_PAIRS, NO_NOISE, Claim, Finding, found, problem, trend_settings, undecided
-from roundel.validate.claims.conditions import NORMAL, Setting, shown
+from roundel.validate.claims.claim import (
+    MIN_PAIRS,
+    NO_NOISE,
+    Claim,
+    Finding,
+    found,
+    problem,
+    trend_conditions,
+    undecided,
+)
+from roundel.validate.claims.conditions import NORMAL, Condition, shown
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_ratio, log_slope, mean_of
 
@@ -19,16 +28,16 @@ POWER = "the {} goes with the distance to the power {{}}"
 SAME_DEG = 0.1
 
 
-def noisy(setting: Setting) -> bool:
+def noisy(setting: Condition) -> bool:
     """Whether the calibrated case has any error: points without noise have none, and no trend."""
     errors = setting.of(setting.right, NORMAL)
     return bool(np.isfinite(errors).any() and np.nanmean(errors) > NO_NOISE)
 
 
-def growths(settings: Sequence[Setting], error: str, statistic: str, subject: str) -> list[Finding]:
+def growths(settings: Sequence[Condition], error: str, statistic: str, subject: str) -> list[Finding]:
     """Whether an error of the calibrated case grows with the distance, setting by setting."""
     findings, region = [], f"above {GROWS:g}"
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         if not noisy(s):
             continue
         errors = s.of(s.right, error)
@@ -41,7 +50,7 @@ def growths(settings: Sequence[Setting], error: str, statistic: str, subject: st
     return findings
 
 
-def normal_grows(settings: Sequence[Setting]) -> Claim | None:
+def normal_grows(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the normal's error grows with the distance."""
     statistic = "log-log slope of the normal's mean error over distance"
     findings = growths(settings, NORMAL, statistic, "mean error")
@@ -57,10 +66,10 @@ def normal_grows(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def normal_lowest_tilt(settings: Sequence[Setting]) -> Claim | None:
+def normal_lowest_tilt(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the normal is worst at the lowest tilt."""
     findings: list[Finding] = []
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         tilts, at_tilt = s.tilts()
         if not noisy(s) or not 2 <= len(tilts) <= 6:
             continue
@@ -95,7 +104,7 @@ def normal_lowest_tilt(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def _cells(s: Setting) -> list[Estimate]:
+def _cells(s: Condition) -> list[Estimate]:
     """Logarithms of ratios, lowest tilt over each other, distance by distance; none where a cell has too few frames."""
     (distances, at), (tilts, at_tilt) = s.distances(), s.tilts()
     errors = s.of(s.right, NORMAL)
@@ -109,7 +118,7 @@ def _cells(s: Setting) -> list[Estimate]:
     return ratios
 
 
-def _largest_at_lowest(s: Setting) -> list[bool]:
+def _largest_at_lowest(s: Condition) -> list[bool]:
     (distances, at), (tilts, at_tilt) = s.distances(), s.tilts()
     errors = s.of(s.right, NORMAL)
     found = []
@@ -119,7 +128,7 @@ def _largest_at_lowest(s: Setting) -> list[bool]:
     return found
 
 
-def normal_focal(settings: Sequence[Setting]) -> Claim | None:
+def normal_focal(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the normal does not depend on the focal length. True on the axis alone."""
     findings, remarks = [], []
     for s in settings:
@@ -152,12 +161,12 @@ def normal_focal(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def added(s: Setting, label: str) -> Array:
+def added(s: Condition, label: str) -> Array:
     """What intrinsics add to the normal's error, in degrees, frame by frame."""
     return s.of(label, NORMAL) - s.of(s.exact, NORMAL)
 
 
-def _change(s: Setting, labels: Sequence[str], *, main: bool) -> Finding:
+def _change(s: Condition, labels: Sequence[str], *, main: bool) -> Finding:
     """Whether the mean error stays the same with each of these intrinsics."""
     statistic = "largest change of the mean normal error by a wrong focal length, deg"
     region = f"within \N{PLUS-MINUS SIGN}{SAME_DEG:g} deg"

@@ -1,4 +1,4 @@
-"""The paper's claims about the position: calibrated it ignores the distance, uncalibrated it is linear in it."""
+"""Claims about the position: independent of distance if calibrated, linear in it if not."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roundel.validate.claims.claim import Claim, found, problem, trend_settings, undecided
-from roundel.validate.claims.conditions import POSITION, RELATIVE, Setting, shown
+from roundel.validate.claims.claim import Claim, found, problem, trend_conditions, undecided
+from roundel.validate.claims.conditions import POSITION, RELATIVE, Condition, shown
 from roundel.validate.claims.normal import POWER, noisy
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_slope, mean_of
@@ -20,15 +20,15 @@ OF_HEIGHT = 0.1
 NEAR_ONE = 0.05
 
 
-def predicted_D(s: Setting, label: str) -> Array:
+def predicted_D(s: Condition, label: str) -> Array:
     """Position error in D without any noise: depth takes the factor k of the focal length, |k - 1| r on the axis."""
     return abs(s.factor[label] - 1.0) * s.distance_D * np.cos(np.radians(s.off_axis_deg))
 
 
-def position_calibrated(settings: Sequence[Setting]) -> Claim | None:
+def position_calibrated(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the calibrated position error does not depend on the distance."""
     findings, remarks = [], []
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         if not noisy(s):
             continue
         errors = s.of(s.right, POSITION)
@@ -71,7 +71,7 @@ def position_calibrated(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def _rise_of_height(s: Setting) -> Estimate | None:
+def _rise_of_height(s: Condition) -> Estimate | None:
     """(calibrated error at the farthest distance - at the nearest) / the largest uncalibrated error at the farthest."""
     distances, at = s.distances()
     last = len(distances) - 1
@@ -86,10 +86,10 @@ def _rise_of_height(s: Setting) -> Estimate | None:
     return (far - near).over(max(heights, key=lambda h: h.value))
 
 
-def position_uncalibrated(settings: Sequence[Setting]) -> Claim | None:
+def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the uncalibrated position error grows linearly with the distance."""
     findings, remarks = [], []
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         errors = {label: s.of(label, POSITION) for label in s.wrong}
         why = problem(s, *errors.values())
         statistic = "log-log slope of the uncalibrated position error in D over distance"

@@ -1,4 +1,4 @@
-"""The paper's claims about reprojection: calibrated it grows with distance, uncalibrated it falls and meets it."""
+"""Claims about reprojection: it grows with distance if calibrated, falls if not, and the two meet."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from roundel.validate.claims.claim import Claim, found, problem, trend_settings, undecided
-from roundel.validate.claims.conditions import REPROJECTION, Setting, shown
+from roundel.validate.claims.claim import Claim, found, problem, trend_conditions, undecided
+from roundel.validate.claims.conditions import REPROJECTION, Condition, shown
 from roundel.validate.claims.normal import GROWS, POWER, growths, noisy
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Estimate, decide_all, log_slope, mean_of
@@ -19,7 +19,7 @@ NEAR = 1.25
 MEETS = 1.1
 
 
-def reprojection_calibrated(settings: Sequence[Setting]) -> Claim | None:
+def reprojection_calibrated(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the calibrated reprojection error grows with the distance."""
     statistic = "log-log slope of the calibrated reprojection error over distance"
     findings = growths(settings, REPROJECTION, statistic, "calibrated error")
@@ -36,10 +36,10 @@ def reprojection_calibrated(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def reprojection_uncalibrated(settings: Sequence[Setting]) -> Claim | None:
+def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
     """Claim: the uncalibrated reprojection error falls with the distance."""
     findings, remarks = [], []
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         errors = {label: s.of(label, REPROJECTION) for label in s.wrong}
         statistic, region = "log-log slope of the uncalibrated reprojection error over distance", f"below {-GROWS:g}"
         why = problem(s, *errors.values())
@@ -71,7 +71,7 @@ def reprojection_uncalibrated(settings: Sequence[Setting]) -> Claim | None:
     )
 
 
-def bias_slope(s: Setting, label: str) -> Estimate | None:
+def bias_slope(s: Condition, label: str) -> Estimate | None:
     """Log-log slope over distance of sqrt(mean square of the uncalibrated error - of the calibrated one)."""
     distances, at = s.distances()
     square = s.of(label, REPROJECTION) ** 2 - s.of(s.right, REPROJECTION) ** 2
@@ -90,7 +90,7 @@ def bias_slope(s: Setting, label: str) -> Estimate | None:
     return Estimate(value, influence, min(e.df for e in logs), sum(e.n for e in logs))
 
 
-def ratios_over_distance(s: Setting, label: str) -> list[Estimate | None]:
+def ratios_over_distance(s: Condition, label: str) -> list[Estimate | None]:
     """Logarithm of uncalibrated over calibrated mean error at each distance, paired by frame."""
     distances, at = s.distances()
     found = []
@@ -111,10 +111,10 @@ def _meets_at(distances: Sequence[float], ratios: Sequence[Estimate | None]) -> 
     return first
 
 
-def reprojection_meets(settings: Sequence[Setting]) -> Claim | None:
+def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
     """Claim: far away, a wrong focal length costs no reprojection error to speak of."""
     findings, remarks = [], []
-    for s in trend_settings(settings):
+    for s in trend_conditions(settings):
         if not noisy(s):
             continue
         distances = s.distances()[0].tolist()

@@ -1,4 +1,4 @@
-"""A study that repeats the same frames at several levels of one nuisance: error over level, and where it doubles.
+"""Error over the levels of one nuisance, on the same frames, and the level at which it doubles.
 
 Every level has the same frames, so levels are compared on pairs: resampling draws frames, and each with all its levels.
 A frame's error is divided by its own Cramer-Rao bound at the reference level, where the nuisance is mildest: frames
@@ -114,7 +114,7 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
     Returns
     -------
     list of Sweep
-        Empty without a sweep. The normal's error in degrees, of the candidate nearer to the truth.
+        Empty without a sweep. The normal's error in degrees, of the better candidate.
     """
     if "sweep_level" not in table.column_names:
         return []
@@ -127,7 +127,7 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
         if not swept:
             continue
         levels = [float(level) for level in swept["levels"]]
-        # Nothing of a nuisance is its level 0; otherwise studies begin with the mildest.
+        # The reference is level 0 if there is one, else the first level.
         reference = levels.index(0.0) if 0.0 in levels else 0
         curves = []
         for key in keys:

@@ -1,4 +1,4 @@
-"""The paper's claims as verdicts: each decided on a report's own frames, with its statistic, and written in words."""
+"""Verdicts on the paper's claims, decided on a report's own frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from roundel.validate.claims.claim import Claim, Finding
-from roundel.validate.claims.conditions import Setting, settings_of
+from roundel.validate.claims.conditions import Condition, conditions_of
 from roundel.validate.claims.normal import normal_focal, normal_grows, normal_lowest_tilt
 from roundel.validate.claims.position import position_calibrated, position_uncalibrated
 from roundel.validate.claims.reprojection import (
@@ -27,7 +27,7 @@ HOLDS, CONDITION, FALSE, OPEN = (
 )
 ALPHA = 0.05
 
-CLAIMS: tuple[Callable[[Sequence[Setting]], Claim | None], ...] = (
+CLAIMS: tuple[Callable[[Sequence[Condition]], Claim | None], ...] = (
     normal_grows,
     normal_lowest_tilt,
     position_calibrated,
@@ -89,7 +89,7 @@ def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[Verdict]:
     -----
     All statistics of a report are one family: Holm's correction keeps the chance of any wrong decision below 5 %.
     """
-    settings = settings_of(table, study)
+    settings = conditions_of(table, study)
     claims = [claim for make in CLAIMS if (claim := make(settings)) is not None]
     tested = [f.p for claim in claims for f in claim.findings if f.p is not None]
     adjusted = iter(holm(tested).tolist() if tested else [])

@@ -1,4 +1,4 @@
-"""What estimates leave out, filled in from the dataset: the camera, and the ellipse of a pose.
+"""Defaults for columns that a file of estimates leaves out: the camera, and the ellipse of a pose.
 
 Neither helps an estimate: a camera that nobody names is the true one, and an ellipse made from a pose is as wrong as
 the pose.

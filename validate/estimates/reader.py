@@ -1,4 +1,4 @@
-"""Estimates from a file, our own or anyone's: Parquet or CSV, checked against the schema column by column.
+"""Reading estimates from Parquet or CSV, checked against the schema column by column.
 
 What a foreign program must give, and what stands for the rest, is in `validate/estimates/schema.py`;
 docs/your-own-method.md shows it.

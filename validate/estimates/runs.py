@@ -1,4 +1,4 @@
-"""Estimates read back and checked: a file that lies is refused in one line, before anything is scored."""
+"""Estimates as runs, checked for consistency before anything is scored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The columns of a file of estimates: what a foreign program must give, and what stands where it gives nothing."""
+"""Columns of a file of estimates: which are required, and the defaults of the others."""
 
 from __future__ import annotations
 

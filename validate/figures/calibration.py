@@ -1,4 +1,4 @@
-"""Figures of calibrations: where in the image each of them is wrong, and how little its residual says about that."""
+"""Figures of calibrations: projection error over the image, beside the residual."""
 
 from __future__ import annotations
 

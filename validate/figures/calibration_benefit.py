@@ -1,4 +1,4 @@
-"""The report's first figure: errors with and without calibration over distance, tilt and offset from the axis."""
+"""Figure of the benefit of a calibration: errors over distance, tilt and offset from the axis."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
     ON_AXIS_DEG,
+    CalibrationBenefit,
     Panel,
-    Worth,
     level_of,
     median_of,
 )
@@ -37,7 +37,7 @@ _TITLES = {
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all frames"}
 
 
-def worth_picture(worth: Worth) -> Picture:
+def benefit_picture(worth: CalibrationBenefit) -> Picture:
     """Median errors with their intervals: a row an error, a column a variable, a curve a kind of intrinsics."""
     panels = _shown(worth)
     styles = _styles(worth)
@@ -76,14 +76,14 @@ def worth_picture(worth: Worth) -> Picture:
     return Picture("worth", caption, draw_svg("worth", caption, size, draw))
 
 
-def _shown(worth: Worth) -> list[Panel]:
+def _shown(worth: CalibrationBenefit) -> list[Panel]:
     """Distance on and off the axis, tilt off it, offset: the paper's set-up keeps one column."""
     wanted = [p for p in worth.panels if len(p.bins) > 1]
     both = any(p.part == "off_axis" for p in wanted)
     return [p for p in wanted if not (both and p.part == "on_axis" and p.variable == "tilt_deg")]
 
 
-def _styles(worth: Worth) -> dict[str, dict[str, Any]]:
+def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
     """Colour, marker and line of each curve; the reference in grey, behind the others."""
     labels = [*worth.labels, *([BOARD] if BOARD in worth.errors[NORMAL.name] else [])]
     counted: dict[str, int] = {}
@@ -105,7 +105,7 @@ def _styles(worth: Worth) -> dict[str, dict[str, Any]]:
     return {label: styles[label] for label in labels}
 
 
-def _curve(at: Axes, worth: Worth, error: Metric, panel: Panel, label: str, style: dict[str, Any]) -> None:
+def _curve(at: Axes, worth: CalibrationBenefit, error: Metric, panel: Panel, label: str, style: dict[str, Any]) -> None:
     at.plot(panel.middle, _numbers([median_of(worth, error.name, label, rows) for rows in panel.bins]), **style)
     if label in (worth.calibrated, worth.uncalibrated):
         # Bands of all would hide one another.

@@ -1,4 +1,4 @@
-"""Figures as SVG: the paper's figure from a table of scores.
+"""The paper's figure: errors over distance, a panel for each tilt.
 
 The bytes depend on the scores alone.
 """

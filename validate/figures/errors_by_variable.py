@@ -1,4 +1,4 @@
-"""Each degree of freedom against each error: a matrix of small plots, one figure for the run that a report leads with.
+"""Every variable against every error: a matrix of small plots.
 
 The idea of plotting every degree of freedom against every error is FMAC's, for square markers (arXiv 2601.07723).
 """
@@ -56,7 +56,7 @@ ERRORS = (*HEADLINE, ELLIPSE_CENTRE)
 MISSED = "not solved [%]"
 
 
-def matrix_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Picture]:
+def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Picture]:
     """The matrix of one run against the truth; none where too few frames were scored or nothing was varied.
 
     Parameters
@@ -109,9 +109,7 @@ def matrix_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pictu
         "method can be. Camera frame; reprojection and ellipse centre in the delivered image; D: marker diameters. "
         "What was not varied is left out."
     )
-    return [
-        Picture("matrix", caption, draw_svg("matrix", "Every variable against every error", size, draw, layout=None))
-    ]
+    return [Picture("matrix", caption, draw_svg("matrix", "Errors by variable", size, draw, layout=None))]
 
 
 def _varied(part: pa.Table, degree: Degree) -> Array | None:

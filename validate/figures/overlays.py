@@ -1,4 +1,4 @@
-"""The worst frames, to look at: a crop of the image with the true contour and the estimated ellipse drawn over it."""
+"""The worst frames: image crops with the true contour and the estimated ellipse."""
 
 from __future__ import annotations
 

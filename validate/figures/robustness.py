@@ -1,4 +1,4 @@
-"""Figures of sweeps: error over the level of a nuisance, with its interval, its bound, and where it doubles."""
+"""Figures of sweeps: error over the level of a nuisance, with its interval and bound."""
 
 from __future__ import annotations
 

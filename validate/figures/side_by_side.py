@@ -1,4 +1,4 @@
-"""Runs side by side: a figure of their errors, and what differs on the frames that two of them share.
+"""Runs side by side: a figure of their errors, and paired comparisons on shared frames.
 
 Frames are paired: each has its own difficulty, which cancels. Nothing is claimed of runs that share no frames.
 """
@@ -112,7 +112,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
     end = (Column("p_holm", "p", "Holm"), Column("better", "Smaller error"))
     ratio = Table(
         "comparisons",
-        "Errors, frame by frame",
+        "Paired comparisons",
         (
             *about,
             Column("error", "Error"),
@@ -131,7 +131,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
     )
     lost = Table(
         "solved_by_one",
-        "Solved by one alone",
+        "Circles solved by only one method",
         (
             *about,
             Column("circles", "Circles", "shared"),
@@ -193,7 +193,7 @@ def _plain(rows: Sequence[Sequence[Any]]) -> tuple[tuple[Cell, ...], ...]:
     return tuple(tuple(row) for row in rows)
 
 
-def entries_of(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
+def runs_to_compare(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
     """Runs of one table of scores against the truth; `of` says whose they are, where several reports have their own."""
     found = []
     for run in runs:

@@ -1,4 +1,4 @@
-"""How every figure is drawn: matplotlib's SVG, inlined into the page that shows it and coloured by it.
+"""Drawing: matplotlib figures as SVG that is inlined into the page and coloured by its style sheet.
 
 Text, grid and curves carry CSS variables, so that one figure serves light and dark. Text stays text, in the reader's
 own font. The bytes depend on what is drawn alone.
@@ -44,7 +44,7 @@ class Picture:
     name: str
     caption: str
     svg: str
-    folded: bool = False  # behind a click: true of what few readers want
+    folded: bool = False  # collapsed by default
 
 
 def colour(i: int) -> str:
@@ -164,7 +164,7 @@ def inlined(svg: str, name: str, title: str) -> str:
         svg = svg.replace(colour, variable)
     # A hundredth of a point is below any pixel, and half the file.
     svg = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), svg)
-    # As wide as the page allows, up to where the letters of all figures are alike; the view box keeps the shape.
+    # Scale to the page width, but no larger than the size at which all figures have the same font size.
     width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', svg)
     widest = f"{_PX_PER_PT * float(width[1]):.0f}px" if width else "100%"
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', rf'\1 style="max-width: {widest}"', svg, count=1)

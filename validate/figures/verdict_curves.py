@@ -1,4 +1,4 @@
-"""Parts of the verdicts' figures: curves of means with their intervals, laws beside them, axes and panels."""
+"""Parts of the verdicts' figures: curves of means with intervals, reference laws, axes and panels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from roundel.validate.claims.conditions import Setting, shown
+from roundel.validate.claims.conditions import Condition, shown
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
 from roundel.validate.statistics.trends import Array, Estimate, mean_of
 
@@ -32,14 +32,14 @@ class Curve:
     as_ratio: bool = False
 
 
-def curve_by_distance(s: Setting, values: Array, label: str, style: int) -> Curve:
+def curve_by_distance(s: Condition, values: Array, label: str, style: int) -> Curve:
     """Mean of the values at each distance."""
     distances, at = s.distances()
     means = [mean_of(np.where(at == d, values, np.nan), s.frame) for d in range(len(distances))]
     return Curve(label, distances, means, style)
 
 
-def curves_of_cases(s: Setting, name: str) -> list[Curve]:
+def curves_of_cases(s: Condition, name: str) -> list[Curve]:
     """A curve for each kind of intrinsics, the calibrated one first."""
     labels = [s.right, *s.wrong]
     names = ["calibrated", *map(shown, s.wrong)]
@@ -103,11 +103,11 @@ def _columns(labels: Iterable[str], width_in: float) -> int:
     return max(1, min(6, int(width_in / (0.068 * widest + 0.5))))
 
 
-Panel = Callable[["Axes", Setting], None]
+Panel = Callable[["Axes", Condition], None]
 
 
 def panels_of(
-    name: str, title: str, settings: Sequence[Setting], panels: Sequence[Panel], y_labels: Sequence[str], words: str
+    name: str, title: str, settings: Sequence[Condition], panels: Sequence[Panel], y_labels: Sequence[str], words: str
 ) -> Picture:
     """Settings side by side, each with every panel; one legend above."""
     pairs = [(s, panel, label) for s in settings for panel, label in zip(panels, y_labels, strict=True)]

@@ -1,4 +1,4 @@
-"""The figure of each verdict: means with 95 % intervals by distance, one panel a setting, and the law beside them."""
+"""A figure for each verdict: means with 95 % intervals over distance, a panel for each condition."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from roundel.validate.claims.claim import trend_settings
-from roundel.validate.claims.conditions import NORMAL, POSITION, REPROJECTION, Setting, settings_of, shown
+from roundel.validate.claims.claim import trend_conditions
+from roundel.validate.claims.conditions import NORMAL, POSITION, REPROJECTION, Condition, conditions_of, shown
 from roundel.validate.claims.normal import SAME_DEG, added
 from roundel.validate.claims.position import predicted_D
 from roundel.validate.claims.reprojection import NEAR, ratios_over_distance
@@ -53,16 +53,16 @@ def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[
     """
     if not verdicts:
         return []
-    settings = settings_of(table, study)
-    return [_FIGURES[v.claim.key](v.picture, v.claim.claim, _shown_settings(v.claim.key, settings)) for v in verdicts]
+    settings = conditions_of(table, study)
+    return [_FIGURES[v.claim.key](v.picture, v.claim.claim, _shown_conditions(v.claim.key, settings)) for v in verdicts]
 
 
-def _shown_settings(key: str, settings: Sequence[Setting]) -> list[Setting]:
-    return list(settings) if key == "normal-focal" else trend_settings(settings)[:_MAX_PANELS]
+def _shown_conditions(key: str, settings: Sequence[Condition]) -> list[Condition]:
+    return list(settings) if key == "normal-focal" else trend_conditions(settings)[:_MAX_PANELS]
 
 
-def _normal_distance(name: str, title: str, settings: Sequence[Setting]) -> Picture:
-    def panel(axes: Axes, s: Setting) -> None:
+def _normal_distance(name: str, title: str, settings: Sequence[Condition]) -> Picture:
+    def panel(axes: Axes, s: Condition) -> None:
         distances, (tilts, at_tilt) = s.distances()[0], s.tilts()
         for i, tilt in enumerate(tilts):
             values = np.where(at_tilt == i, s.of(s.right, NORMAL), np.nan)
@@ -75,8 +75,8 @@ def _normal_distance(name: str, title: str, settings: Sequence[Setting]) -> Pict
     return panels_of(name, title, settings, [panel], ["normal [deg]"], words)
 
 
-def _normal_tilt(name: str, title: str, settings: Sequence[Setting]) -> Picture:
-    def panel(axes: Axes, s: Setting) -> None:
+def _normal_tilt(name: str, title: str, settings: Sequence[Condition]) -> Picture:
+    def panel(axes: Axes, s: Condition) -> None:
         (distances, at), (tilts, at_tilt) = s.distances(), s.tilts()
         for t in range(1, len(tilts)):
             ratios: list[Estimate | None] = []
@@ -98,7 +98,7 @@ def _normal_tilt(name: str, title: str, settings: Sequence[Setting]) -> Picture:
     return panels_of(name, title, settings, [panel], ["ratio of normal errors"], words)
 
 
-def _position_calibrated(name: str, title: str, settings: Sequence[Setting]) -> Picture:
+def _position_calibrated(name: str, title: str, settings: Sequence[Condition]) -> Picture:
     def draw(figure: Figure) -> None:
         strict, lenient = figure.subplots(1, 2)
         for i, s in enumerate(settings):
@@ -123,8 +123,8 @@ def _position_calibrated(name: str, title: str, settings: Sequence[Setting]) -> 
     return Picture(name, caption, draw_svg(name, title, (7.0, 2.9), draw))
 
 
-def _position_uncalibrated(name: str, title: str, settings: Sequence[Setting]) -> Picture:
-    def panel(axes: Axes, s: Setting) -> None:
+def _position_uncalibrated(name: str, title: str, settings: Sequence[Condition]) -> Picture:
+    def panel(axes: Axes, s: Condition) -> None:
         distances, at = s.distances()
         for curve in curves_of_cases(s, POSITION):
             draw_curve(axes, curve)
@@ -138,7 +138,7 @@ def _position_uncalibrated(name: str, title: str, settings: Sequence[Setting]) -
     return panels_of(name, title, settings, [panel], ["position [D]"], words)
 
 
-def _reprojection_calibrated(name: str, title: str, settings: Sequence[Setting]) -> Picture:
+def _reprojection_calibrated(name: str, title: str, settings: Sequence[Condition]) -> Picture:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for i, s in enumerate(settings):
@@ -155,8 +155,8 @@ def _reprojection_calibrated(name: str, title: str, settings: Sequence[Setting])
     return Picture(name, caption, draw_svg(name, title, (6.0, 2.9), draw))
 
 
-def _reprojection(name: str, title: str, settings: Sequence[Setting]) -> Picture:
-    def panel(axes: Axes, s: Setting) -> None:
+def _reprojection(name: str, title: str, settings: Sequence[Condition]) -> Picture:
+    def panel(axes: Axes, s: Condition) -> None:
         distances = s.distances()[0]
         curves = curves_of_cases(s, REPROJECTION)
         for curve in curves:
@@ -171,8 +171,8 @@ def _reprojection(name: str, title: str, settings: Sequence[Setting]) -> Picture
     return panels_of(name, title, settings, [panel], ["reprojection [px]"], words)
 
 
-def _reprojection_meets(name: str, title: str, settings: Sequence[Setting]) -> Picture:
-    def panel(axes: Axes, s: Setting) -> None:
+def _reprojection_meets(name: str, title: str, settings: Sequence[Condition]) -> Picture:
+    def panel(axes: Axes, s: Condition) -> None:
         distances = s.distances()[0]
         for i, label in enumerate(s.wrong, start=1):
             draw_curve(axes, Curve(shown(label), distances, ratios_over_distance(s, label), i, as_ratio=True))
@@ -192,7 +192,7 @@ def _points(pairs: Sequence[tuple[float, Estimate]]) -> tuple[list[float], list[
     )
 
 
-def _normal_focal(name: str, title: str, settings: Sequence[Setting]) -> Picture:
+def _normal_focal(name: str, title: str, settings: Sequence[Condition]) -> Picture:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for i, s in enumerate(settings[:7]):
@@ -224,7 +224,7 @@ def _normal_focal(name: str, title: str, settings: Sequence[Setting]) -> Picture
     return Picture(name, f"{words} Bars: 95 % interval.", draw_svg(name, title, size, draw))
 
 
-_FIGURES: dict[str, Callable[[str, str, Sequence[Setting]], Picture]] = {
+_FIGURES: dict[str, Callable[[str, str, Sequence[Condition]], Picture]] = {
     "normal-distance": _normal_distance,
     "normal-tilt": _normal_tilt,
     "position-calibrated": _position_calibrated,

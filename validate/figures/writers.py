@@ -1,4 +1,4 @@
-"""Figures as files beside the report: the SVG of the page, which follows the reader's light or dark by itself."""
+"""Figures as SVG files beside the report; they follow the reader's light or dark scheme."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """A report against a baseline.
 
-baseline: Baselines: the scores that later ones are held against, one small Parquet file for git
-checks: The questions that a gate asks of one run, circle by circle paired with the baseline's, and how it words the
-    answers
-gate: The gate: has a solver become worse on the same frames? Red only for a loss that is certain and that matters
-output: What a gate says, for people and for CI: lines, JUnit XML, a Markdown summary
+baseline: Baselines: accepted scores in one small Parquet file for git
+checks: Checks of one run against its baseline, paired circle by circle
+gate: The gate: fails when a solver is worse on the same frames by a loss that is certain and that matters
+output: Output of the gate: lines of text, JUnit XML, a Markdown summary
 """

@@ -1,4 +1,4 @@
-"""Baselines: the scores that later ones are held against, one small Parquet file for git.
+"""Baselines: accepted scores in one small Parquet file for git.
 
 A row is one circle with one method and one kind of intrinsics; the file's metadata say what the rows may be compared
 with, and who accepted them why.

@@ -1,4 +1,4 @@
-"""The questions that a gate asks of one run, circle by circle paired with the baseline's, and how it words the answers.
+"""Checks of one run against its baseline, paired circle by circle.
 
 Three kinds of question: has an error grown (RMS of errors over their bounds), has an error moved (the mean of a signed
 one), have circles been lost (a rate). What no test can see in noise, golden frames show on the same images.

@@ -1,4 +1,4 @@
-"""The gate: has a solver become worse on the same frames? Red only for a loss that is certain and that matters.
+"""The gate: fails when a solver is worse on the same frames by a loss that is certain and that matters.
 
 - What is unlike is not compared: another dataset, metric version or settings, other runs, too few circles.
 - The same images and the same scores: identical, and nothing more to ask.

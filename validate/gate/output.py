@@ -1,4 +1,4 @@
-"""What a gate says, for people and for CI: lines, JUnit XML, a Markdown summary."""
+"""Output of the gate: lines of text, JUnit XML, a Markdown summary."""
 
 from __future__ import annotations
 

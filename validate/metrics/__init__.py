@@ -1,11 +1,9 @@
 """Errors of a pose, their bounds, and the truth they are measured against.
 
-bop: MSSD and MSPD of a disc: the farthest that its rim lies from where it should, at the best turn about its normal
-cramer_rao: The Cramer-Rao bound of each frame's errors, from the truth: what no unbiased method could do better
-    than
-ground_truth: What estimates are compared with: the true circles, or the same circles as a chessboard beside them
-    places them
-metric: The metrics: what each number is, in one place
-pose_errors: Errors of a pose and of an ellipse; `validate.metrics.metric` has their names, units and definitions
-sweeps: Where a frame stands in its group's sweep: the same position of two levels is the same frame but for one key
+bop: BOP's MSSD and MSPD of a disc: the largest surface and projection distance at the best in-plane rotation
+cramer_rao: Cramer-Rao bounds of each frame's errors, computed from the truth
+ground_truth: Reference poses: the true circles, or the same circles as placed by the chessboard beside them
+metric: The metrics: column, title, unit, scale, definition and bound of each, in one place
+pose_errors: Errors of a pose and of an ellipse
+sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels
 """

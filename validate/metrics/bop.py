@@ -1,4 +1,4 @@
-"""MSSD and MSPD of a disc: the farthest that its rim lies from where it should, at the best turn about its normal.
+"""BOP's MSSD and MSPD of a disc: the largest surface and projection distance at the best in-plane rotation.
 
 A circle turned about its own normal is the same circle, and no estimate tells the turn. BOP therefore takes the least,
 over the symmetries of an object, of the largest displacement of its vertices, in space (MSSD) or in the image (MSPD):

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound of each frame's errors, from the truth: what no unbiased method could do better than.
+"""Cramer-Rao bounds of each frame's errors, computed from the truth.
 
 Images: the information of all pixels near the edge, each with the noise of its own level; the two grey levels and the
 blur are unknown (`scenes.information`). Points: that of a contour of so many points with so much noise.

@@ -1,4 +1,4 @@
-"""What estimates are compared with: the true circles, or the same circles as a chessboard beside them places them."""
+"""Reference poses: the true circles, or the same circles as placed by the chessboard beside them."""
 
 from __future__ import annotations
 

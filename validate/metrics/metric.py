@@ -1,4 +1,4 @@
-"""The metrics: what each number is, in one place. Every table, figure, claim and check of the gate reads it here."""
+"""The metrics: column, title, unit, scale, definition and bound of each, in one place."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Metric:
 
     @property
     def oracle(self) -> str:
-        """Column of the candidate nearer to the truth."""
+        """Column of the better candidate."""
         return f"oracle_{self.column}" if self.of == "pose" else self.column
 
     @property

@@ -1,4 +1,4 @@
-"""Errors of a pose and of an ellipse; `validate.metrics.metric` has their names, units and definitions.
+"""Errors of a pose and of an ellipse.
 
 All are vectorised over frames (leading axes `...`) and say nothing about which candidate they are given.
 Where an error is a length in the image, both sides are carried to the *delivered image* first, each through its own

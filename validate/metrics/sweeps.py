@@ -1,4 +1,4 @@
-"""Where a frame stands in its group's sweep: the same position of two levels is the same frame but for one key."""
+"""Position of a frame in its group's sweep; equal positions are the same frame at different levels."""
 
 from __future__ import annotations
 

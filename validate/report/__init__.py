@@ -1,7 +1,7 @@
 """The pages: one report, or several compared.
 
-compare: `roundel compare`: one page over several reports
-html: Pages: templates filled so that no text of a user's is taken for anything but text
-report: report.html: one file that stands alone, loads nothing and runs nothing
-summary_text: The report in plain sentences: what was found, how far off, and why
+compare: `roundel compare`: one page over several reports, paired by frame where they share a dataset
+html: HTML pages from templates; all text from users is escaped
+report: report.html: a self-contained page without scripts or external files
+summary_text: Summary text of a report
 """

@@ -1,4 +1,4 @@
-"""`roundel compare`: one page over several reports. Of one dataset they are paired; of several they stand side by side.
+"""`roundel compare`: one page over several reports, paired by frame where they share a dataset.
 
 Nothing is compared that was measured differently: another metric version, another extent of the reprojection grid.
 """
@@ -22,8 +22,8 @@ from roundel.validate.figures.side_by_side import (
     NO_DIFFERENCE,
     Entry,
     Pair,
-    entries_of,
     pair_tables,
+    runs_to_compare,
     side_by_side_pictures,
 )
 from roundel.validate.figures.writers import write_figures
@@ -90,7 +90,7 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
         raise UsageError("compare: the same report is given twice")
     reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
     _check(reports, folders)
-    entries = [entries_of(r.scores, r.summary.runs, r.label) for r in reports]
+    entries = [runs_to_compare(r.scores, r.summary.runs, r.label) for r in reports]
     found = [_results(reports), *pair_tables(_pairs(reports, entries)), _sources(reports)]
     tables = {table.name: table for table in found}
     said = _sentences(reports, tables)
@@ -205,7 +205,7 @@ def _sources(reports: Sequence[Report]) -> Table:
         for r in reports
     ]  # fmt: skip
     heads = ("Report", "Study", "Frames", "Seed", "Dataset", "Images sha256", "Roundel", "Metrics", "Scores sha256")
-    return pairs_table("reports", "The reports", heads, rows, "Identities and checksums by their first twelve digits.")
+    return pairs_table("reports", "Reports", heads, rows, "Identities and checksums by their first twelve digits.")
 
 
 def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]:

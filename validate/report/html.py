@@ -1,4 +1,4 @@
-"""Pages: templates filled so that no text of a user's is taken for anything but text."""
+"""HTML pages from templates; all text from users is escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""report.html: one file that stands alone, loads nothing and runs nothing."""
+"""report.html: a self-contained page without scripts or external files."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from roundel.datasets.fidelity.summary import fidelity_lines
 from roundel.validate.figures.overlays import Overlay
 from roundel.validate.figures.svg import Picture
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary, shown_table
-from roundel.validate.report.summary_text import commands, intrinsics_in_words, main_run, sentences
-from roundel.validate.scores.summary import Summary, found_without_pose, number
+from roundel.validate.report.summary_text import commands, describe_intrinsics, main_run, sentences
+from roundel.validate.scores.summary import Summary, detected_without_pose, number
 from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.tables.table import Table
 
@@ -59,10 +59,10 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
     chessboard = reason or pictures.calibration or any(tables[n] for n in ("calibrations", "boards"))
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
-        (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Every variable"),
+        (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Variables"),
         (True, "results", "Results"),
         (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
-        (True, "metrics", "Definitions"), (True, "made", "How it was made"),
+        (True, "metrics", "Definitions"), (True, "made", "Provenance"),
     )  # fmt: skip
     return fill(
         "report.html.j2",
@@ -123,9 +123,9 @@ def _groups(groups: dict[str, int], most: int = 8) -> str:
 def _cards(summary: Summary) -> list[dict[str, str]]:
     """The few numbers that everybody asks for, of the run that the report leads with."""
     run = main_run(summary)
-    oracle, label = run["oracle"], intrinsics_in_words(run["intrinsics"])
+    oracle, label = run["oracle"], describe_intrinsics(run["intrinsics"])
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
-    bare = found_without_pose(run)
+    bare = detected_without_pose(run)
     if bare and not run["solved"]:
         off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
         return [

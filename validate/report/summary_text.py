@@ -1,4 +1,4 @@
-"""The report in plain sentences: what was found, how far off, and why."""
+"""Summary text of a report."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 from roundel.scenes.study.schema import calibration_views
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.summary import Summary, found_without_pose, is_right, number
+from roundel.validate.scores.summary import Summary, detected_without_pose, is_right, number
 
 Run = dict[str, Any]
 
 
-def intrinsics_in_words(label: str) -> str:
+def describe_intrinsics(label: str) -> str:
     """What a kind of intrinsics is, for people."""
     kind, _, value = label.partition(":")
     if kind == "true":
@@ -54,7 +54,7 @@ def sentences(summary: Summary) -> list[str]:
     data, main = summary.dataset, main_run(summary)
     runs = [r for r in summary.runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
     circles = "circle" if main["n"] == 1 else "circles"
-    bare = found_without_pose(main)
+    bare = detected_without_pose(main)
     found = [
         f"Method {main['method']} found {main['solved'] + bare} of {main['n']} {circles} in {data['frames']} frames; "
         + _false_sentence(main)
@@ -63,7 +63,7 @@ def sentences(summary: Summary) -> list[str]:
         found.append(_centre_sentence(main, bare))
     if main["oracle"]["normal_error_deg"]["n"]:
         found.append(
-            f"With {intrinsics_in_words(main['intrinsics'])}, {_errors(main)}, in the median; in 95 % of frames the "
+            f"With {describe_intrinsics(main['intrinsics'])}, {_errors(main)}, in the median; in 95 % of frames the "
             f"normal is within {number(main['oracle']['normal_error_deg']['p95'])}\N{DEGREE SIGN}."
         )
     others = [
@@ -74,7 +74,7 @@ def sentences(summary: Summary) -> list[str]:
         first = next((r for r in wrong if r["intrinsics"].startswith("default")), None)
         other = first or max(wrong, key=lambda r: r["oracle"]["position_error_pct"]["median"])
         found.append(
-            f"With {intrinsics_in_words(other['intrinsics'])}, {_errors(other)}. A focal length that is off by a "
+            f"With {describe_intrinsics(other['intrinsics'])}, {_errors(other)}. A focal length that is off by a "
             "factor puts the marker off in distance by that factor; points drawn through the same intrinsics suffer "
             "less, and the less the farther away the marker is."
         )
@@ -87,7 +87,7 @@ def sentences(summary: Summary) -> list[str]:
 def _false_sentence(run: Run) -> str:
     count = run["false_detections"]
     if not count:
-        return "nothing else was taken for one."
+        return "there are no false positives."
     return "1 detection is of no marker." if count == 1 else f"{count} detections are of no marker."
 
 

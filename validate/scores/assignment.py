@@ -1,4 +1,4 @@
-"""Which detection is which marker: the nearest contour, or the nearest centre where only that was found, one to one.
+"""Assignment of detections to markers by nearest contour, or nearest centre, one to one.
 
 A blind solver cannot know a marker's identity. What stays unmatched is an outcome on either side: a marker that was
 not found, a detection of nothing.
@@ -75,7 +75,7 @@ def match(targets: Targets, run: Run) -> Match:
             continue
         block = cost[position : position + len(ts) * len(ds)].reshape(len(ts), len(ds))
         position += block.size
-        # Out of the gate costs more than any whole assignment within it, so as many as possible are matched.
+        # Pairs outside the gate get a prohibitive cost, so the number of matches is maximal.
         allowed = block <= gate[ts][:, None]
         for i, j in zip(*linear_sum_assignment(np.where(allowed, block, 1e9)), strict=True):
             if allowed[i, j]:

@@ -1,4 +1,4 @@
-"""Runs against each other on the same circles, and what a set of this size could have shown."""
+"""Paired comparisons of runs on the same circles, and the statistical power of a set of frames."""
 
 from __future__ import annotations
 

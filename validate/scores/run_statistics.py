@@ -1,4 +1,4 @@
-"""A run in numbers: statistics of its errors with intervals over frames, rates, recall, errors over their bounds."""
+"""Statistics of a run: errors with intervals over frames, rates, recall, errors over their bounds."""
 
 from __future__ import annotations
 

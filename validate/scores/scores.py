@@ -244,7 +244,7 @@ def score_rows(
     solved = candidates.has.any(axis=1)
     placed = targets.placed
     values = _pose_metrics(targets, candidates, placed, bounds)
-    # A detection without a pose is still before nothing.
+    # A detection without a pose outranks no detection.
     nothing = np.where(candidates.detected(), 1e9, np.inf)
     error = np.where(np.isnan(values["normal_error_deg"]), nothing, values["normal_error_deg"])
     oracle = np.argmin(error, axis=1)

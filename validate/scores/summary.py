@@ -1,4 +1,4 @@
-"""summary.json: the scores in a few numbers, by method, intrinsics and reference, and by cell of the study's grid."""
+"""Summary of the scores by method, intrinsics and reference, and by cell of the study's grid."""
 
 from __future__ import annotations
 
@@ -335,7 +335,7 @@ def terminal_table(summary: Summary) -> str:
     return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
 
 
-def found_without_pose(run: dict[str, Any]) -> int:
+def detected_without_pose(run: dict[str, Any]) -> int:
     """How many circles a run found and gave no pose of: all of them, if it gives centres alone."""
     return max(int(run.get("detected", 0)) - int(run["solved"]), 0)
 
@@ -344,7 +344,7 @@ def _without_poses(summary: Summary) -> list[str]:
     """A line for each run that found circles and no pose: how far off its centres are."""
     out = []
     for run in summary.runs:
-        bare = found_without_pose(run)
+        bare = detected_without_pose(run)
         if bare > 0:
             image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
             out.append(

@@ -1,9 +1,6 @@
 """Intervals, paired tests and trends; knows no metric.
 
-intervals: How sure a number is: bootstrap intervals over frames, Wilson intervals for rates, Holm's correction for
-    families
-paired_tests: Two methods on the same frames: is the new one worse, by how much, and what could these frames have
-    shown?
-trends: Statistics of the paper's claims: slopes, means and ratios of errors, and whether one lies in the region of
-    a claim
+intervals: Confidence intervals: bootstrap over frames, Wilson for rates; Holm's correction for families
+paired_tests: Paired tests of two methods on the same frames, with the detectable effect
+trends: Slopes, means and ratios of errors, and whether they lie in the region that a claim asks for
 """

@@ -1,4 +1,4 @@
-"""How sure a number is: bootstrap intervals over frames, Wilson intervals for rates, Holm's correction for families.
+"""Confidence intervals: bootstrap over frames, Wilson for rates; Holm's correction for families.
 
 A frame is what was drawn at random: its circles share camera, light and noise, so that a frame with several circles is
 resampled as one.

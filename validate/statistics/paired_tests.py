@@ -1,4 +1,4 @@
-"""Two methods on the same frames: is the new one worse, by how much, and what could these frames have shown?
+"""Paired tests of two methods on the same frames, with the detectable effect.
 
 Frames are paired: each has its own difficulty, which cancels. Errors come divided by their frame's own Cramer-Rao
 bound, so that no frame outweighs the others.

@@ -1,4 +1,4 @@
-"""Statistics of the paper's claims: slopes, means and ratios of errors, and whether one lies in the region of a claim.
+"""Slopes, means and ratios of errors, and whether they lie in the region that a claim asks for.
 
 An error's mean is modelled as proportional to a power of the distance, E[e] = exp(a_tilt + b ln r), and fitted to the
 frames by the gamma quasi-likelihood: it asks of the errors only that their spread grows with their mean. Logarithms of

@@ -1,4 +1,4 @@
-"""What OpenCV's calibrations are worth, as tables: their own residuals, and their cameras beside the true one."""
+"""Tables of OpenCV's calibrations: residuals, and errors against the true camera."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def calibration_tables(summary: Summary) -> list[Table]:
     )
     known = [r for r in records if "projection_mean_px" in r]
     found = [
-        _table("calibrations", "OpenCV's calibrations", records, _RESIDUALS, residuals),
-        _table("calibration_errors", "The calibrated cameras beside the true one", known, _CAMERA, camera),
+        _table("calibrations", "OpenCV calibrations", records, _RESIDUALS, residuals),
+        _table("calibration_errors", "Errors of the calibrated cameras", known, _CAMERA, camera),
     ]
     return [table for table in found if table.rows]
 

@@ -1,4 +1,4 @@
-"""What calibration is worth, as a table: every kind of intrinsics on the axis and off it."""
+"""Table of the benefit of a calibration, for every kind of intrinsics, on and off the axis."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from roundel.validate.tables.table import Cell, Column, Table
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis"}
 
 
-def worth_table(record: dict[str, Any] | None) -> Table:
+def benefit_table(record: dict[str, Any] | None) -> Table:
     """A row a part of the image and a kind of intrinsics, from summary["worth"]; no rows where there is none."""
     rows: dict[tuple[str, str], list[Cell]] = {}
     columns = [Column("frames", "Circles"), Column("intrinsics", "Intrinsics")]
@@ -34,5 +34,5 @@ def worth_table(record: dict[str, Any] | None) -> Table:
         "the circle. chessboard: the circle as the board beside it places it, by solvePnP."
     )
     return Table(
-        "worth", "Every kind of intrinsics on the same circles", tuple(columns), tuple(map(tuple, rows.values())), note
+        "worth", "Benefit of calibration, by intrinsics", tuple(columns), tuple(map(tuple, rows.values())), note
     )

@@ -1,4 +1,4 @@
-"""The tables of a report, from its summary: the page shows them, and files carry them on."""
+"""Tables of a report, made from its summary."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from roundel.validate.metrics.metric import (
     REPROJECTION,
     Metric,
 )
-from roundel.validate.scores.summary import Summary, found_without_pose
+from roundel.validate.scores.summary import Summary, detected_without_pose
 from roundel.validate.tables.calibration import calibration_tables
-from roundel.validate.tables.calibration_benefit import worth_table
+from roundel.validate.tables.calibration_benefit import benefit_table
 from roundel.validate.tables.statistics import statistics_tables
 from roundel.validate.tables.table import Cell, Column, Table
 
@@ -64,7 +64,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
     )
     groups = [g for g in summary.groups if g["reference"] == "truth" and g["method"] != CHESSBOARD]
     found = [
-        worth_table(summary.worth),
+        benefit_table(summary.worth),
         verdict_table(summary.verdicts),
         result_table(mine, summary),
         centre_table(mine),
@@ -75,9 +75,9 @@ def report_tables(summary: Summary) -> dict[str, Table]:
         *statistics_tables(summary, mine),
         cell_table(summary.cells),
         *calibration_tables(summary),
-        run_table("boards", "The boards' own poses against the truth",
+        run_table("boards", "Chessboard poses against the truth",
                   [r for r in runs if r["method"] == CHESSBOARD], "oracle", board_note),
-        run_table("against_chessboard", "Estimates against the chessboard beside the marker",
+        run_table("against_chessboard", "Estimates against the chessboard poses",
                   [r for r in runs if r["reference"] == "chessboard"], "oracle", against),
     ]  # fmt: skip
     return {table.name: table for table in found if table.rows}
@@ -147,8 +147,8 @@ def centre_table(runs: Sequence[Run]) -> Table:
         "ellipse, which perspective moves away from it: a method that gives the one is judged by that column. "
         "Delivered image."
     )
-    shown = tuple(map(tuple, rows)) if any(map(found_without_pose, runs)) else ()
-    return Table("centres", "Centres, of methods with and without a pose", tuple(columns), shown, note)
+    shown = tuple(map(tuple, rows)) if any(map(detected_without_pose, runs)) else ()
+    return Table("centres", "Centre errors, with and without a pose", tuple(columns), shown, note)
 
 
 def _percent(run: Run, end: str) -> float | None:
@@ -209,7 +209,7 @@ def failure_table(summary: Summary) -> Table:
         f"image lie within {settings['gate_px']:g} px or {100 * settings['gate_fraction_of_minor_semi_axis']:g} % of "
         "the minor semi-axis in the mean."
     )
-    return Table("failures", "What was not solved", columns, rows, note)
+    return Table("failures", "Failures", columns, rows, note)
 
 
 def cell_table(cells: Sequence[Run]) -> Table:
@@ -228,7 +228,7 @@ def cell_table(cells: Sequence[Run]) -> Table:
         for c in cells
     )  # fmt: skip
     note = f"Means of the better candidate over the solved circles of a cell. {_FRAME}"
-    return Table("cells", "The figures' numbers, cell by cell", columns, rows, note)
+    return Table("cells", "Mean errors by cell of the grid", columns, rows, note)
 
 
 def metric_table(metrics: Sequence[dict[str, Any]]) -> Table:

@@ -1,4 +1,4 @@
-"""Tables of what the numbers are worth: recall at thresholds, runs beside the main one, and the power of the set."""
+"""Tables of recall at thresholds, comparisons with the main run, and statistical power."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def main_table(comparisons: Sequence[dict[str, Any]]) -> Table:
         "Paired by circle. Ratio of the RMS errors, in brackets its 95 % interval by bootstrap over frames; p: Holm "
         "over the report. Units cancel; columns of scores.parquet."
     )
-    return Table("against_main", "Every run beside the main one", columns, rows, note)
+    return Table("against_main", "Runs compared with the main run", columns, rows, note)
 
 
 def power_table(summary: Summary) -> Table:
@@ -111,4 +111,4 @@ def power_table(summary: Summary) -> Table:
         for p in summary.power
         if p["reference"] == "truth"
     )  # fmt: skip
-    return Table("power", "What these frames can show", columns, rows, summary.power_note)
+    return Table("power", "Statistical power", columns, rows, summary.power_note)

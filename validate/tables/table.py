@@ -1,4 +1,4 @@
-"""Tables as records: what a page, a CSV file, a Markdown file and a LaTeX file are all made from."""
+"""Tables as records, the source of HTML, CSV, Markdown and LaTeX."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables as files: CSV for programs, Markdown and LaTeX for papers. No text of a user's can act in any of them."""
+"""Tables as files: CSV, Markdown and LaTeX, with all text from users escaped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LATEX = {
 
 
 def csv_text(table: Table) -> str:
-    """CSV (RFC 4180, UTF-8, LF): one plain value a cell, units in the keys of the head, nothing where there is none.
+    """CSV (RFC 4180, UTF-8, LF): one plain value a cell, units in the keys of the head, missing values are empty.
 
     Text that a spreadsheet would take for a formula has an apostrophe before it.
     """

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from roundel.scenes.errors import StudyError
-from roundel.scenes.study.layers import laid_over, preset, preset_names
+from roundel.scenes.study.layers import deep_merge, preset, preset_names
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import frames_of
 
@@ -13,13 +13,13 @@ from roundel.scenes.world.frame import frames_of
 def test_mappings_merge_and_all_else_replaces() -> None:
     below = {"a": 1, "b": {"c": 2, "d": [1, 2]}, "s": {"uniform": [0, 1]}}
     own = {"b": {"d": [3]}, "s": {"normal": [0, 1]}, "e": 5}
-    assert laid_over(below, own) == {"a": 1, "b": {"c": 2, "d": [3]}, "s": {"normal": [0, 1]}, "e": 5}
+    assert deep_merge(below, own) == {"a": 1, "b": {"c": 2, "d": [3]}, "s": {"normal": [0, 1]}, "e": 5}
 
 
 def test_a_section_of_another_kind_replaces() -> None:
-    assert laid_over({"kind": "disc", "diameter_m": 1}, {"kind": "tags", "tag_m": 2}) == {"kind": "tags", "tag_m": 2}
+    assert deep_merge({"kind": "disc", "diameter_m": 1}, {"kind": "tags", "tag_m": 2}) == {"kind": "tags", "tag_m": 2}
     # One that says its kind first only adds to keys that are common to all kinds.
-    assert laid_over({"ink": 0.1}, {"kind": "disc"}) == {"ink": 0.1, "kind": "disc"}
+    assert deep_merge({"ink": 0.1}, {"kind": "disc"}) == {"ink": 0.1, "kind": "disc"}
 
 
 @pytest.mark.parametrize(
@@ -32,8 +32,8 @@ def test_a_section_of_another_kind_replaces() -> None:
     ],
 )
 def test_of_two_that_exclude_each_other_the_upper_stands(lower, own) -> None:
-    assert laid_over({lower: 1, "x": 2}, {own: 3}) == {own: 3, "x": 2}
-    assert laid_over({lower: 1}, {own: 3, lower: 4}) == {own: 3, lower: 4}  # both said: for the schema to refuse
+    assert deep_merge({lower: 1, "x": 2}, {own: 3}) == {own: 3, "x": 2}
+    assert deep_merge({lower: 1}, {own: 3, lower: 4}) == {own: 3, lower: 4}  # both said: for the schema to refuse
 
 
 def study(folder: Path, text: str):

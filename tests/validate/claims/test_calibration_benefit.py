@@ -1,4 +1,4 @@
-"""Is calibration worth having? Answers on tables of scores whose answer is known."""
+"""Benefit of calibration Answers on tables of scores whose answer is known."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
     FACTOR,
-    Worth,
-    gain_of,
+    CalibrationBenefit,
+    calibration_benefit,
+    error_ratio,
     level_of,
     off_axis_deg,
     verdict_of,
-    worth_of,
 )
-from roundel.validate.claims.calibration_benefit_text import answer, named, where, worth_record
-from roundel.validate.figures.calibration_benefit import worth_picture
+from roundel.validate.claims.calibration_benefit_text import answer, benefit_record, named, where
+from roundel.validate.figures.calibration_benefit import benefit_picture
 from roundel.validate.statistics.intervals import Interval
-from roundel.validate.tables.calibration_benefit import worth_table
+from roundel.validate.tables.calibration_benefit import benefit_table
 
 N = 252
 FRAMES = np.arange(N)
@@ -61,14 +61,14 @@ def everywhere(factor: Any) -> dict[str, np.ndarray]:
     return {error.name: NOISE * factor for error in ERRORS}
 
 
-def asked(runs: dict[str, dict[str, np.ndarray]], board: pa.Table | None = None) -> Worth:
-    found = worth_of(scores(runs), OFFSETS, board)
+def asked(runs: dict[str, dict[str, np.ndarray]], board: pa.Table | None = None) -> CalibrationBenefit:
+    found = calibration_benefit(scores(runs), OFFSETS, board)
     assert found is not None
     return found
 
 
 @pytest.fixture(scope="module")
-def mixed() -> Worth:
+def mixed() -> CalibrationBenefit:
     """Normal: only beyond 5 degrees. Position: always. Reprojection: on the axis up to 30 D, off it never."""
     default = {
         "normal": NOISE * np.where(OFFSET > 5, 12.0, 1.0),
@@ -81,14 +81,14 @@ def mixed() -> Worth:
     return asked({"default": default, "scaled:0.85": everywhere(2.0), **runs}, board)
 
 
-def test_the_pair_is_fewest_views_against_default(mixed: Worth) -> None:
+def test_the_pair_is_fewest_views_against_default(mixed: CalibrationBenefit) -> None:
     assert (mixed.calibrated, mixed.uncalibrated) == ("calibrated:5", "default")
     assert mixed.labels == ["true", "calibrated:20", "calibrated:5", "default", "scaled:0.85"]
     assert len(mixed.on_axis) == N // 3
     assert len(mixed.on_axis) + len(mixed.off_axis) == N
 
 
-def test_worth_beyond_an_offset(mixed: Worth) -> None:
+def test_worth_beyond_an_offset(mixed: CalibrationBenefit) -> None:
     normal, position, reprojection = answer(mixed)[1:4]
     short = answer(mixed)[0]
     found = re.search(r"normal: on the axis nowhere, off the axis from ([\d.]+)\N{DEGREE SIGN} on;", short)
@@ -107,7 +107,7 @@ def test_not_worth_where_errors_are_alike() -> None:
     other = {error.name: rng.permutation(NOISE) for error in ERRORS}
     worth = asked({"calibrated:5": everywhere(1.0), "default": other})
     assert answer(worth)[0].endswith("for the normal, position and reprojection: nowhere.")
-    verdicts = [gain["worth"] for panel in worth_record(worth)["panels"] for gain in panel["gain"]]
+    verdicts = [gain["worth"] for panel in benefit_record(worth)["panels"] for gain in panel["gain"]]
     assert set(verdicts) <= {"no", "open"}
     assert verdicts.count("no") > verdicts.count("open")
 
@@ -115,7 +115,7 @@ def test_not_worth_where_errors_are_alike() -> None:
 def test_pairs_see_what_unpaired_frames_hide() -> None:
     # The frames scatter by a factor of 1.65, the ratio within each of them not at all.
     worth = asked({"calibrated:5": everywhere(1.0), "default": everywhere(2.5)})
-    gain = gain_of(worth, "normal", worth.off_axis)
+    gain = error_ratio(worth, "normal", worth.off_axis)
     assert gain.value == pytest.approx(2.5)
     assert gain.low == pytest.approx(2.5)
     assert gain.high == pytest.approx(2.5)
@@ -127,16 +127,16 @@ def test_what_one_of_two_did_not_solve_is_no_pair() -> None:
     holes = everywhere(3.0)
     holes["normal"] = np.where(FRAMES % 2 == 0, np.nan, holes["normal"])
     worth = asked({"calibrated:5": everywhere(1.0), "default": holes})
-    assert gain_of(worth, "normal", np.arange(N)).n == N // 2
-    assert gain_of(worth, "position", np.arange(N)).n == N
-    nothing = gain_of(worth, "normal", np.flatnonzero(FRAMES % 2 == 0))
+    assert error_ratio(worth, "normal", np.arange(N)).n == N // 2
+    assert error_ratio(worth, "position", np.arange(N)).n == N
+    nothing = error_ratio(worth, "normal", np.flatnonzero(FRAMES % 2 == 0))
     assert (nothing.value, verdict_of(nothing)) == (None, "open")
-    assert gain_of(worth, "normal", np.arange(6)).low is None  # three pairs say nothing
+    assert error_ratio(worth, "normal", np.arange(6)).low is None  # three pairs say nothing
 
 
 def test_no_noise_is_no_infinity() -> None:
     worth = asked({"calibrated:5": everywhere(0.0), "default": everywhere(1.0)})
-    json.dumps(worth_record(worth), allow_nan=False)
+    json.dumps(benefit_record(worth), allow_nan=False)
 
 
 @pytest.mark.parametrize(
@@ -145,9 +145,12 @@ def test_no_noise_is_no_infinity() -> None:
     ids="-".join,
 )
 def test_no_question_without_both(labels: tuple[str, ...]) -> None:
-    assert worth_of(scores({label: everywhere(1.0) for label in labels}), OFFSETS) is None
+    assert calibration_benefit(scores({label: everywhere(1.0) for label in labels}), OFFSETS) is None
     assert (
-        worth_of(scores({"calibrated:5": everywhere(1), "default": everywhere(1)}, reference="chessboard"), {}) is None
+        calibration_benefit(
+            scores({"calibrated:5": everywhere(1), "default": everywhere(1)}, reference="chessboard"), {}
+        )
+        is None
     )
 
 
@@ -158,11 +161,11 @@ def test_exif_serves_where_nothing_else_is_wrong() -> None:
 def test_studies_that_stay_on_the_axis_or_off_it() -> None:
     table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
     for offset, words in ((0.1, "on the axis"), (9.0, "off the axis")):
-        worth = worth_of(table, dict.fromkeys(OFFSETS, offset))
+        worth = calibration_benefit(table, dict.fromkeys(OFFSETS, offset))
         assert worth is not None
         assert "for the normal, position and reprojection: everywhere" in answer(worth)[0]
         assert words in answer(worth)[1]
-        assert worth_picture(worth).svg.startswith("<svg")
+        assert benefit_picture(worth).svg.startswith("<svg")
 
 
 @pytest.mark.parametrize(
@@ -188,8 +191,8 @@ def test_a_verdict_needs_its_whole_interval() -> None:
     assert [verdict_of(gain(*i)) for i in ((2.1, 3), (1.0, 1.9), (1.9, 2.1))] == ["yes", "no", "open"]
 
 
-def test_the_record_and_the_table(mixed: Worth) -> None:
-    record = json.loads(json.dumps(worth_record(mixed), allow_nan=False))
+def test_the_record_and_the_table(mixed: CalibrationBenefit) -> None:
+    record = json.loads(json.dumps(benefit_record(mixed), allow_nan=False))
     assert record["answer"] == answer(mixed)
     entry = next(
         e for e in record["overall"] if (e["error"], e["part"], e["intrinsics"]) == ("position", "off_axis", "default")
@@ -197,16 +200,16 @@ def test_the_record_and_the_table(mixed: Worth) -> None:
     assert entry["value"] == pytest.approx(13.0)
     assert entry["gain"]["value"] == pytest.approx(1300.0)
     assert entry["n"] == 2 * N // 3
-    table = worth_table(record)
+    table = benefit_table(record)
     assert {len(row) for row in table.rows} == {len(table.columns)}
     assert [row[:2] for row in table.rows][:2] == [("on the axis", "true"), ("on the axis", "calibrated:20")]
     assert sum(row[1] == BOARD for row in table.rows) == 2
-    assert worth_table(None).rows == ()
+    assert benefit_table(None).rows == ()
 
 
-def test_the_picture(mixed: Worth) -> None:
-    picture = worth_picture(mixed)
-    assert picture.svg == worth_picture(mixed).svg
+def test_the_picture(mixed: CalibrationBenefit) -> None:
+    picture = benefit_picture(mixed)
+    assert picture.svg == benefit_picture(mixed).svg
     for label in (*mixed.labels, BOARD):
         assert f">{named(label)}<" in picture.svg
     # Three errors by distance on and off the axis, tilt off it, and offset.

@@ -11,7 +11,7 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.validate.estimates.runs import read_runs
-from roundel.validate.figures.errors_by_variable import _bins, matrix_pictures
+from roundel.validate.figures.errors_by_variable import _bins, variable_pictures
 from roundel.validate.metrics.ground_truth import true_targets
 from roundel.validate.scores.scores import score
 
@@ -30,7 +30,7 @@ def texts(svg: str) -> list[str]:
 
 
 def test_what_was_varied_and_what_went_wrong(table: pa.Table) -> None:
-    (picture,) = matrix_pictures(table, "ml", "true")
+    (picture,) = variable_pictures(table, "ml", "true")
     shown = texts(picture.svg)
     for label in ("distance [D]", "tilt [deg]", "azimuth [deg]", "image x [px]",
                   "normal [deg]", "position [% of distance]", "reprojection [px]",
@@ -39,12 +39,12 @@ def test_what_was_varied_and_what_went_wrong(table: pa.Table) -> None:
     # Half a pixel of aim is no variation.
     assert "image y [px]" not in shown
     assert len(picture.svg) < 400_000
-    assert matrix_pictures(table, "ml", "true") == [picture]
+    assert variable_pictures(table, "ml", "true") == [picture]
 
 
 def test_nothing_varied_and_too_few_draw_nothing(table: pa.Table) -> None:
-    assert matrix_pictures(table.slice(0, 10), "ml", "true") == []
-    assert matrix_pictures(table, "ml", "default") == []
+    assert variable_pictures(table.slice(0, 10), "ml", "true") == []
+    assert variable_pictures(table, "ml", "default") == []
 
 
 def test_bins_are_levels_of_a_grid_or_equal_parts() -> None:
