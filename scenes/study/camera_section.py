@@ -14,33 +14,64 @@ from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Turn
 class CameraSection(Section):
     """A camera: its focal length in pixels, or a lens in millimetres with the sensor's pixel pitch."""
 
-    width_px: int = Field(ge=16, le=20_000)
-    height_px: int = Field(ge=16, le=20_000)
-    focal_px: Positive | None = None
-    focal_mm: Positive | None = None
-    pixel_pitch_um: Positive | None = None
+    width_px: int = Field(ge=16, le=20_000, description="image width, px")
+    height_px: int = Field(ge=16, le=20_000, description="image height, px")
+    focal_px: Positive | None = Field(
+        default=None, description="focal length in focus, px (K[0, 0]); instead of focal_mm"
+    )
+    focal_mm: Positive | None = Field(default=None, description="focal length of the lens, mm; needs pixel_pitch_um")
+    pixel_pitch_um: Positive | None = Field(default=None, description="distance between the centres of two pixels, um")
     aspect: Positive = Field(default=1.0, description="fy / fx")
-    skew_px: AnyValue = Field(default=0.0, description="K[0, 1]")
-    principal_point_x_px: AnyValue | None = None
-    principal_point_y_px: AnyValue | None = None
-    distortion_model: Literal["opencv", "fisheye"] = "opencv"
+    skew_px: AnyValue = Field(default=0.0, description="skew K[0, 1], px")
+    principal_point_x_px: AnyValue | None = Field(
+        default=None, description="principal point, px; default: the image centre (width_px - 1) / 2"
+    )
+    principal_point_y_px: AnyValue | None = Field(
+        default=None, description="principal point, px; default: the image centre (height_px - 1) / 2"
+    )
+    distortion_model: Literal["opencv", "fisheye"] = Field(
+        default="opencv", description="OpenCV's rational model, or OpenCV's fisheye"
+    )
     distortion: list[AnyValue] = Field(
         default=[],
-        description="OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; fisheye: k1 k2 k3 k4",
+        description="coefficients, OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; "
+        "fisheye: k1 k2 k3 k4",
     )
-    f_number: Positive | None = None
-    aperture_mm: NonNegative | None = Field(default=None, description="diameter; 0 is a pinhole")
-    focus_m: Positive | None = None
-    blades: Literal[0, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12] = Field(default=0, description="0: a round aperture")
-    blade_turn_deg: Turn = Field(default=0.0, description="of the first corner, from +x toward +y")
-    diffraction: bool = Field(default=False, description="the Airy pattern of the aperture")
+    f_number: Positive | None = Field(
+        default=None, description="focal length over aperture diameter; needs focal_mm and focus_m"
+    )
+    aperture_mm: NonNegative | None = Field(
+        default=None, description="aperture diameter, mm; 0 is a pinhole; needs focus_m"
+    )
+    focus_m: Positive | None = Field(
+        default=None, description="distance in focus from the camera centre, along the optical axis, m"
+    )
+    blades: Literal[0, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12] = Field(
+        default=0, description="number of aperture blades; 0 is a round aperture"
+    )
+    blade_turn_deg: Turn = Field(
+        default=0.0, description="direction of the aperture's first corner, degrees from +x toward +y"
+    )
+    diffraction: bool = Field(default=False, description="whether the aperture blurs by its Airy pattern")
     wavelengths_nm: list[Positive] = Field(
-        default=[550.0], min_length=1, max_length=16, description="mixed evenly; with a mosaic three: red, green, blue"
+        default=[550.0],
+        min_length=1,
+        max_length=16,
+        description="wavelengths of the Airy pattern, nm, mixed evenly; with a mosaic three: red, green, blue",
     )
-    natural_vignetting: bool = Field(default=False, description="cos^4 of the field angle")
-    barrel_mm: Positive | None = Field(default=None, description="diameter of the lens barrel's front opening")
-    barrel_length_mm: NonNegative = Field(default=0.0, description="of that opening before the aperture")
-    focal_35mm_mm: Positive | None = None
+    natural_vignetting: bool = Field(
+        default=False, description="whether brightness falls with cos^4 of the field angle"
+    )
+    barrel_mm: Positive | None = Field(
+        default=None, description="diameter of the lens barrel's front opening, mm; default: no barrel"
+    )
+    barrel_length_mm: NonNegative = Field(
+        default=0.0, description="distance of that opening in front of the aperture, mm"
+    )
+    focal_35mm_mm: Positive | None = Field(
+        default=None,
+        description="35 mm equivalent focal length in the file's EXIF, mm; default: the true one, rounded to whole mm",
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraSection:
@@ -64,15 +95,21 @@ class CameraSection(Section):
 class TwistSection(Section):
     """A constant velocity, in the moving body's own frame, through mid-exposure of the marker's centre row."""
 
-    velocity_m_s: list[AnyValue] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
-    rate_deg_s: list[AnyValue] = Field(default=[0.0, 0.0, 0.0], min_length=3, max_length=3)
+    velocity_m_s: list[AnyValue] = Field(
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="velocity along x, y, z, m/s"
+    )
+    rate_deg_s: list[AnyValue] = Field(
+        default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="angular velocity about x, y, z, degrees/s"
+    )
 
 
 class MotionSection(Section):
     """When each row is exposed, and what moves meanwhile."""
 
-    exposure_s: NonNegative = Field(default=0.01, description="of each row")
-    readout_s: NonNegative = Field(default=0.0, description="first to last row; 0 is a global shutter")
-    frame_s: Positive = Field(default=1.0, description="between two frames; an exposure must fit in")
-    camera: TwistSection = TwistSection()
-    marker: TwistSection = TwistSection()
+    exposure_s: NonNegative = Field(default=0.01, description="exposure time of each row, s")
+    readout_s: NonNegative = Field(
+        default=0.0, description="time from the first to the last row, s; 0 is a global shutter"
+    )
+    frame_s: Positive = Field(default=1.0, description="time between two frames, s; an exposure must fit in")
+    camera: TwistSection = Field(default=TwistSection(), description="motion of the camera, in its own frame")
+    marker: TwistSection = Field(default=TwistSection(), description="motion of the marker, in its own frame")

@@ -18,33 +18,39 @@ _WHITE = [1.0, 1.0, 1.0]
 class AreaLampSection(Section):
     """A square area light; it faces the marker."""
 
-    kind: Literal["area"] = "area"
-    position_m: Place = Field(description="in the camera frame")
-    size_m: Positive
-    radiance: NonNegative
-    colour: Colour = _WHITE
+    kind: Literal["area"] = Field(default="area", description="a square area light that faces the marker")
+    position_m: Place = Field(description="position in the camera frame, m")
+    size_m: Positive = Field(description="side of the square, m")
+    radiance: NonNegative = Field(description="radiance, in the study's common unit")
+    colour: Colour = Field(
+        default=_WHITE, description="relative red, green and blue; only a sensor with a mosaic distinguishes them"
+    )
 
 
 class PointLampSection(Section):
     """A light without extent: irradiance at distance d is intensity cos / d^2."""
 
-    kind: Literal["point"]
-    position_m: Place = Field(description="in the camera frame")
-    intensity: NonNegative
-    colour: Colour = _WHITE
+    kind: Literal["point"] = Field(description="a light without extent")
+    position_m: Place = Field(description="position in the camera frame, m")
+    intensity: NonNegative = Field(description="intensity: irradiance at distance d is intensity cos / d^2")
+    colour: Colour = Field(
+        default=_WHITE, description="relative red, green and blue; only a sensor with a mosaic distinguishes them"
+    )
 
 
 class SpotLampSection(Section):
     """A point light in a cone that faces the marker, its edge soft from `beam_deg` to `cutoff_deg`."""
 
-    kind: Literal["spot"]
-    position_m: Place = Field(description="in the camera frame")
-    intensity: NonNegative
+    kind: Literal["spot"] = Field(description="a point light in a cone")
+    position_m: Place = Field(description="position in the camera frame, m")
+    intensity: NonNegative = Field(description="intensity on the axis: irradiance at distance d is intensity cos / d^2")
     cutoff_deg: Annotated[Positive, Field(description="half angle beyond which there is no light")] = 20.0
     beam_deg: Annotated[Positive, Field(description="half angle of full intensity")] = 15.0
-    aim_x_m: AnyValue = Field(default=0.0, description="where it aims, in the marker's plane")
-    aim_y_m: AnyValue = 0.0
-    colour: Colour = _WHITE
+    aim_x_m: AnyValue = Field(default=0.0, description="point that it aims at, in the marker's plane, m")
+    aim_y_m: AnyValue = Field(default=0.0, description="point that it aims at, in the marker's plane, m")
+    colour: Colour = Field(
+        default=_WHITE, description="relative red, green and blue; only a sensor with a mosaic distinguishes them"
+    )
 
     @model_validator(mode="after")
     def _beam_within_cutoff(self) -> SpotLampSection:
@@ -74,38 +80,43 @@ LAMPS: dict[str, type[Section]] = {"area": AreaLampSection, "point": PointLampSe
 class MapSection(Section):
     """An environment map: an equirectangular (latitude-longitude) OpenEXR file, up is -y of the camera frame."""
 
-    file: str = Field(min_length=1, description="relative to the study")
+    file: str = Field(min_length=1, description="path of the OpenEXR file, relative to the study")
     sha256: str | None = Field(
-        default=None, pattern="^[0-9a-f]{64}$", description="of the file; filled in when the study is read"
+        default=None, pattern="^[0-9a-f]{64}$", description="checksum of the file; filled in when the study is read"
     )
-    scale: NonNegative = 1.0
+    scale: NonNegative = Field(default=1.0, description="factor on the radiance of the map")
     turn_deg: Turn = Field(
-        default=0.0, description="about the vertical, from +z toward +x; at 0 the camera looks at the map's middle"
+        default=0.0,
+        description="rotation about the vertical, degrees from +z toward +x; at 0 the camera looks at the map's middle",
     )
 
 
 class SkySection(Section):
     """A clear sky and its sun (Hosek and Wilkie 2012, 2013; Mitsuba's `sunsky`); up is -y of the camera frame."""
 
-    sun_elevation_deg: Elevation = 45.0
+    sun_elevation_deg: Elevation = Field(default=45.0, description="elevation of the sun above the horizon, degrees")
     sun_azimuth_deg: Turn = Field(
-        default=160.0, description="from +z (where the camera looks) toward +x; 180 is behind"
+        default=160.0,
+        description="azimuth of the sun, degrees from +z (where the camera looks) toward +x; 180 is behind",
     )
-    turbidity: Turbidity = 3.0
+    turbidity: Turbidity = Field(default=3.0, description="turbidity of the air, 1 (clear) to 10 (haze)")
     sun: NonNegative = Field(default=1.0, description="factor on the sun's radiance; 0 is a clouded sun")
     scale: NonNegative = Field(
-        default=2.0, description="factor on both; at 2 a sheet in the sun is as bright as under an environment of 1"
+        default=2.0,
+        description="factor on sun and sky; at 2 a sheet in the sun is as bright as under an environment of 1",
     )
 
 
 class LightSection(Section):
     """An environment (constant, a map, or sun and sky) and lamps; radiance in arbitrary but common units."""
 
-    environment: NonNegative = 1.0
-    environment_colour: Colour = _WHITE
-    map: MapSection | None = None
-    sky: SkySection | None = None
-    lamps: list[Lamp] = Field(default=[], max_length=8)
+    environment: NonNegative = Field(
+        default=1.0, description="radiance of the uniform surroundings, in the study's common unit"
+    )
+    environment_colour: Colour = Field(default=_WHITE, description="relative red, green and blue of the surroundings")
+    map: MapSection | None = Field(default=None, description="an environment map instead of the uniform surroundings")
+    sky: SkySection | None = Field(default=None, description="sun and sky instead of the uniform surroundings")
+    lamps: list[Lamp] = Field(default=[], max_length=8, description="lamps, at most 8")
 
     @model_validator(mode="after")
     def _one_environment(self) -> LightSection:
@@ -117,11 +128,11 @@ class LightSection(Section):
 class OccluderSection(Section):
     """A flat thing before the print, parallel to it: between camera and marker it hides, off their line it shades."""
 
-    shape: Literal["disc", "rectangle"] = "rectangle"
-    x_m: AnyValue = Field(default=0.0, description="of its centre, in the marker's frame")
-    y_m: AnyValue = 0.0
-    z_m: Positive = Field(description="height above the print")
-    width_m: Positive
-    height_m: Positive | None = Field(default=None, description="default: the width; of no meaning for a disc")
-    turn_deg: Turn = 0.0
-    reflectance: Fraction = 0.3
+    shape: Literal["disc", "rectangle"] = Field(default="rectangle", description="outline of the occluder")
+    x_m: AnyValue = Field(default=0.0, description="position of its centre, in the marker's frame, m")
+    y_m: AnyValue = Field(default=0.0, description="position of its centre, in the marker's frame, m")
+    z_m: Positive = Field(description="height above the print, m")
+    width_m: Positive = Field(description="width, or diameter of a disc, m")
+    height_m: Positive | None = Field(default=None, description="height of a rectangle, m; default: its width")
+    turn_deg: Turn = Field(default=0.0, description="rotation in its plane, degrees")
+    reflectance: Fraction = Field(default=0.3, description="diffuse reflectance")

@@ -16,7 +16,8 @@ class SurfaceSection(Section):
     """How print and paper reflect: matte, or under a gloss."""
 
     kind: Literal["matte", "plastic", "laminate"] = Field(
-        default="matte", description="plastic: rough dielectric coat (GGX); laminate: principled, with a clear coat"
+        default="matte",
+        description="matte; plastic: rough dielectric coat (GGX); laminate: principled, with a clear coat",
     )
     roughness: Roughness = Field(default=0.1, description="GGX alpha of the gloss")
     ior: Index = Field(default=1.5, description="refractive index of the gloss")
@@ -25,50 +26,54 @@ class SurfaceSection(Section):
 class ClutterSection(Section):
     """Random discs and squares on the wall, one a cell, drawn anew for each frame."""
 
-    cell_m: Positive
-    contrast: Fraction = Field(default=0.5, description="how far their reflectance may lie from the wall's")
+    cell_m: Positive = Field(description="side of a cell of the wall, m; each holds one shape")
+    contrast: Fraction = Field(default=0.5, description="largest difference of a shape's reflectance from the wall's")
 
 
 class _Print(Section):
-    ink: Fraction = 0.05
-    paper: Fraction = 0.80
+    ink: Fraction = Field(default=0.05, description="reflectance of the ink")
+    paper: Fraction = Field(default=0.80, description="reflectance of the paper")
     wall: Fraction = Field(default=0.35, description="reflectance of the plane behind the sheet")
     inverted: bool = Field(default=False, description="a light marker on dark paper")
-    margin_m: NonNegative | None = Field(default=None, description="paper around the print; default a third of it")
-    edge_softness_m: NonNegative = Field(default=0.0, description="width of the linear ramp between ink and paper")
+    margin_m: NonNegative | None = Field(
+        default=None, description="paper around the print, m; default: a third of the print"
+    )
+    edge_softness_m: NonNegative = Field(default=0.0, description="width of the linear ramp between ink and paper, m")
     grain: Fraction = Field(default=0.0, description="RMS of the paper's reflectance, as a fraction of it")
-    grain_m: Positive = Field(default=0.0005, description="size of a grain")
-    surface: SurfaceSection = SurfaceSection()
-    clutter: ClutterSection | None = None
+    grain_m: Positive = Field(default=0.0005, description="size of a grain, m")
+    surface: SurfaceSection = Field(default=SurfaceSection(), description="gloss of print and paper")
+    clutter: ClutterSection | None = Field(default=None, description="random shapes on the wall; default: none")
 
 
 class DiscSection(_Print):
     """A filled disc."""
 
-    kind: Literal["disc"]
-    diameter_m: Positive
+    kind: Literal["disc"] = Field(description="a filled disc")
+    diameter_m: Positive = Field(description="diameter, m")
 
 
 class DiscWithTickSection(_Print):
     """A disc with an orientation tick: a bar of paper from half the radius to 0.9 of it, along +X."""
 
-    kind: Literal["disc_with_tick"]
-    diameter_m: Positive
+    kind: Literal["disc_with_tick"] = Field(description="a disc with an orientation tick")
+    diameter_m: Positive = Field(description="diameter, m")
 
 
 class RingSection(_Print):
     """A ring: its outer circle is the circle of record."""
 
-    kind: Literal["ring"]
-    diameter_m: Positive
-    inner_diameter_m: Positive
+    kind: Literal["ring"] = Field(description="a ring")
+    diameter_m: Positive = Field(description="outer diameter, m")
+    inner_diameter_m: Positive = Field(description="inner diameter, m")
 
 
 class RingsSection(_Print):
     """Concentric circles of falling diameter, ink and paper by turns; the outermost is the circle of record."""
 
-    kind: Literal["rings"]
-    diameters_m: list[Positive] = Field(min_length=2, max_length=16)
+    kind: Literal["rings"] = Field(description="concentric rings")
+    diameters_m: list[Positive] = Field(
+        min_length=2, max_length=16, description="diameters from the outermost inward, m"
+    )
 
 
 class CodedRingsSection(_Print):
@@ -78,40 +83,44 @@ class CodedRingsSection(_Print):
     cells, from the inside, clockwise from +X for someone who reads the print.
     """
 
-    kind: Literal["coded_rings"]
-    diameter_m: Positive
-    code: list[Annotated[str, Field(pattern="^[01]{4,128}$")]] = Field(min_length=1, max_length=16)
-    disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii, as the other three")
-    code_from: Fraction = Field(default=0.30, description="where the cells begin")
-    code_to: Fraction = Field(default=0.78, description="where the cells end")
-    ring_from: Fraction = Field(default=0.86, description="inner edge of the outer ring")
+    kind: Literal["coded_rings"] = Field(description="a disc in a ring with rings of code cells between them")
+    diameter_m: Positive = Field(description="outer diameter, m")
+    code: list[Annotated[str, Field(pattern="^[01]{4,128}$")]] = Field(
+        min_length=1,
+        max_length=16,
+        description="a string of 0 and 1 (ink) for each ring of cells, from the inside, clockwise from +X",
+    )
+    disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii")
+    code_from: Fraction = Field(default=0.30, description="radius where the cells begin, in outer radii")
+    code_to: Fraction = Field(default=0.78, description="radius where the cells end, in outer radii")
+    ring_from: Fraction = Field(default=0.86, description="inner radius of the outer ring, in outer radii")
 
 
 class TwoDiscsSection(_Print):
     """Two coplanar discs beside each other; each has a row of its own in the truth."""
 
-    kind: Literal["two_discs"]
-    diameter_m: Positive
-    second_diameter_m: Positive
-    spacing_m: Positive = Field(description="between the two centres, along X")
+    kind: Literal["two_discs"] = Field(description="two coplanar discs")
+    diameter_m: Positive = Field(description="diameter of the first disc, m")
+    second_diameter_m: Positive = Field(description="diameter of the second disc, m")
+    spacing_m: Positive = Field(description="distance between the two centres along X, m")
 
 
 class DotRingSection(_Print):
     """Dots evenly on a circle; each has a row of its own in the truth, the first stands on +X."""
 
-    kind: Literal["dot_ring"]
-    diameter_m: Positive = Field(description="of a dot")
-    ring_diameter_m: Positive = Field(description="of the circle through the dots' centres")
-    dots: int = Field(ge=3, le=32)
-    turn_deg: Turn = 0.0
+    kind: Literal["dot_ring"] = Field(description="dots on a circle")
+    diameter_m: Positive = Field(description="diameter of a dot, m")
+    ring_diameter_m: Positive = Field(description="diameter of the circle through the dots' centres, m")
+    dots: int = Field(ge=3, le=32, description="number of dots")
+    turn_deg: Turn = Field(default=0.0, description="direction of the first dot, degrees from +X")
 
 
 class BoardKeys(Section):
     """A chessboard by its inner corners; one count odd, one even, so that it has no symmetry."""
 
-    columns: int = Field(ge=3, le=60)
-    rows: int = Field(ge=3, le=60)
-    square_m: Positive
+    columns: int = Field(ge=3, le=60, description="inner corners along X")
+    rows: int = Field(ge=3, le=60, description="inner corners along Y; one of columns and rows is odd, the other even")
+    square_m: Positive = Field(description="side of a square, m")
 
     @model_validator(mode="after")
     def _no_symmetry(self) -> BoardKeys:
@@ -125,40 +134,40 @@ class BoardKeys(Section):
 class ChessboardSection(_Print, BoardKeys):
     """A chessboard alone."""
 
-    kind: Literal["chessboard"]
+    kind: Literal["chessboard"] = Field(description="a chessboard")
 
 
 class DiscWithChessboardSection(_Print):
     """A disc with a chessboard beside it on the same sheet."""
 
-    kind: Literal["disc_with_chessboard"]
-    diameter_m: Positive
-    gap_m: Positive = Field(description="from the disc's edge to the board's")
-    chessboard: BoardKeys
+    kind: Literal["disc_with_chessboard"] = Field(description="a disc with a chessboard beside it")
+    diameter_m: Positive = Field(description="diameter of the disc, m")
+    gap_m: Positive = Field(description="distance from the disc's edge to the board's, m")
+    chessboard: BoardKeys = Field(description="the chessboard")
 
 
 class CharucoSection(_Print):
     """OpenCV's ChArUco board: `columns` by `rows` squares, a tag in each white one."""
 
-    kind: Literal["charuco"]
-    columns: int = Field(ge=2, le=60, description="squares")
-    rows: int = Field(ge=2, le=60, description="squares")
-    square_m: Positive
-    tag_m: Positive
-    family: TagFamily = "aruco_4x4_50"
-    first_id: int = Field(default=0, ge=0)
+    kind: Literal["charuco"] = Field(description="OpenCV's ChArUco board")
+    columns: int = Field(ge=2, le=60, description="squares along X")
+    rows: int = Field(ge=2, le=60, description="squares along Y")
+    square_m: Positive = Field(description="side of a square, m")
+    tag_m: Positive = Field(description="side of a tag, m")
+    family: TagFamily = Field(default="aruco_4x4_50", description="dictionary of the tags")
+    first_id: int = Field(default=0, ge=0, description="identifier of the first tag")
 
 
 class TagBoardSection(_Print):
     """A grid of square tags (OpenCV's GridBoard): ArUco or AprilTag by its family; 1 by 1 is a single tag."""
 
-    kind: Literal["tags"]
-    columns: int = Field(default=1, ge=1, le=60)
-    rows: int = Field(default=1, ge=1, le=60)
-    tag_m: Positive = Field(description="side of a tag, its black border included")
-    gap_m: NonNegative = 0.0
-    family: TagFamily = "apriltag_36h11"
-    first_id: int = Field(default=0, ge=0)
+    kind: Literal["tags"] = Field(description="a grid of square tags")
+    columns: int = Field(default=1, ge=1, le=60, description="tags along X")
+    rows: int = Field(default=1, ge=1, le=60, description="tags along Y")
+    tag_m: Positive = Field(description="side of a tag with its black border, m")
+    gap_m: NonNegative = Field(default=0.0, description="distance between two tags, m")
+    family: TagFamily = Field(default="apriltag_36h11", description="dictionary of the tags")
+    first_id: int = Field(default=0, ge=0, description="identifier of the first tag")
 
 
 Marker = Annotated[

@@ -29,16 +29,30 @@ Key = tuple[str | int, ...]
 class PoseSection(Section):
     """Where the marker stands; exactly one of the two distances."""
 
-    distance_D: Positive | None = Field(default=None, description="camera centre to circle centre, in diameters")
-    distance_m: Positive | None = None
-    tilt_deg: Tilt = 0.0
-    azimuth_deg: Turn = 0.0
-    tilt_from: Literal["line_of_sight"] | None = Field(
-        default=None, description="measure tilt and azimuth from the line of sight instead of from the optical axis"
+    distance_D: Positive | None = Field(
+        default=None,
+        description="distance from the camera centre to the circle's centre, in marker diameters; instead of "
+        "distance_m",
     )
-    roll_deg: Turn = 0.0
-    offset_x_px: AnyValue = Field(default=0.0, description="image of the centre, from the principal point")
-    offset_y_px: AnyValue = 0.0
+    distance_m: Positive | None = Field(
+        default=None, description="distance from the camera centre to the marker's centre, m"
+    )
+    tilt_deg: Tilt = Field(
+        default=0.0, description="angle between the marker's plane normal and the optical axis, degrees"
+    )
+    azimuth_deg: Turn = Field(
+        default=0.0, description="direction in which the marker is tilted, degrees from +x toward +y"
+    )
+    tilt_from: Literal["line_of_sight"] | None = Field(
+        default=None, description="measure tilt and azimuth from the line of sight; default: from the optical axis"
+    )
+    roll_deg: Turn = Field(default=0.0, description="rotation of the marker in its own plane, degrees")
+    offset_x_px: AnyValue = Field(
+        default=0.0, description="image of the marker's centre relative to the principal point, px"
+    )
+    offset_y_px: AnyValue = Field(
+        default=0.0, description="image of the marker's centre relative to the principal point, px"
+    )
 
     @model_validator(mode="after")
     def _one_distance(self) -> PoseSection:
@@ -50,48 +64,64 @@ class PoseSection(Section):
 class RenderSection(Section):
     """Rays: `samples` a pixel where the image is smooth, up to `band_samples` where it has structure."""
 
-    samples: int = Field(default=8, ge=8, le=65_536, multiple_of=8)
+    samples: int = Field(
+        default=8, ge=8, le=65_536, multiple_of=8, description="rays per pixel where the image is smooth"
+    )
     target_error: NonNegative = Field(
         default=0.01,
-        description="standard error wanted of a pixel, as a fraction of the white sheet's radiance; it decides the "
-        "count of rays. 0: `band_samples` everywhere near an edge",
+        description="standard error wanted of a pixel, as a fraction of the white sheet's radiance; it "
+        "decides the number of rays. 0: band_samples everywhere near an edge",
     )
-    band_samples: int = Field(default=4096, ge=8, le=65_536, multiple_of=8, description="the most a pixel may get")
-    band_px: float = Field(default=2.0, ge=1.0, le=64.0)
+    band_samples: int = Field(
+        default=4096, ge=8, le=65_536, multiple_of=8, description="most rays per pixel where the image has structure"
+    )
+    band_px: float = Field(default=2.0, ge=1.0, le=64.0, description="half width of the band around an edge, px")
     bounces: int = Field(default=1, ge=1, le=16, description="reflections between light and camera; 1 is direct light")
-    radiance: bool = Field(default=True, description="keep radiance/*.exr")
+    radiance: bool = Field(default=True, description="whether to keep radiance/*.exr")
 
 
 class PointsSection(Section):
     """Points mode: noisy points of the true contour instead of images."""
 
-    count: Literal["perimeter"] | Annotated[int, Field(ge=6, le=100_000)] = "perimeter"
-    sigma_px: NonNegative = 1.0
+    count: Literal["perimeter"] | Annotated[int, Field(ge=6, le=100_000)] = Field(
+        default="perimeter", description="number of points, or one for each pixel of the contour's perimeter"
+    )
+    sigma_px: NonNegative = Field(default=1.0, description="standard deviation of the noise on each coordinate, px")
 
 
 class SweepSection(Section):
     """The same frames again at each level of one key, such as `sensor.read_noise_e`."""
 
-    key: str
-    levels: list[float] = Field(min_length=1, max_length=1000)
+    key: str = Field(description="key that is swept, such as sensor.read_noise_e")
+    levels: list[float] = Field(
+        min_length=1, max_length=1000, description="values of the key; every frame is repeated at each"
+    )
 
 
 class GroupSection(Section):
     """One group of frames: what all groups share with the group's own keys laid over it."""
 
-    mode: Literal["images", "points"] = "images"
-    frames: int | None = Field(default=None, ge=1, le=10_000_000)
-    frames_per_cell: int | None = Field(default=None, ge=1, le=1_000_000)
-    camera: CameraSection
-    marker: Marker
-    pose: PoseSection
-    motion: MotionSection = MotionSection()
-    light: LightSection = LightSection()
-    occluders: list[OccluderSection] = Field(default=[], max_length=8)
-    sensor: SensorSection = SensorSection()
-    render: RenderSection = RenderSection()
-    points: PointsSection = PointsSection()
-    sweep: SweepSection | None = None
+    mode: Literal["images", "points"] = Field(
+        default="images", description="rendered images, or noisy points of the true contour"
+    )
+    frames: int | None = Field(
+        default=None, ge=1, le=10_000_000, description="number of frames; a multiple of the number of grid cells"
+    )
+    frames_per_cell: int | None = Field(
+        default=None, ge=1, le=1_000_000, description="number of frames in each grid cell; instead of frames"
+    )
+    camera: CameraSection = Field(description="camera and lens")
+    marker: Marker = Field(description="what is printed")
+    pose: PoseSection = Field(description="where the marker is")
+    motion: MotionSection = Field(default=MotionSection(), description="exposure, shutter, and motion meanwhile")
+    light: LightSection = Field(default=LightSection(), description="surroundings and lamps")
+    occluders: list[OccluderSection] = Field(
+        default=[], max_length=8, description="flat objects in front of the print, at most 8"
+    )
+    sensor: SensorSection = Field(default=SensorSection(), description="sensor and image file")
+    render: RenderSection = Field(default=RenderSection(), description="number of rays, and what is kept")
+    points: PointsSection = Field(default=PointsSection(), description="noise of points mode")
+    sweep: SweepSection | None = Field(default=None, description="repeat the same frames at several values of one key")
 
     @cached_property
     def spreads(self) -> list[tuple[Key, Spread]]:
@@ -135,16 +165,19 @@ def calibration_views(label: str) -> int | None:
 class SolveSection(Section):
     """What `roundel run` asks of the solver."""
 
-    groups: list[str] | None = None
-    methods: list[str] = Field(default=["pixels"], min_length=1)
+    groups: list[str] | None = Field(default=None, description="groups to solve; default: all with circular markers")
+    methods: list[str] = Field(default=["pixels"], min_length=1, description="methods, as `roundel solve --method`")
     intrinsics: list[str] = Field(
         default=["true"],
         min_length=1,
-        description="as `roundel solve --intrinsics`; `calibrated` from all views of calibrate_from, `calibrated:5` "
-        "from the first five",
+        description="cameras given to the solver, as `roundel solve --intrinsics`; `calibrated` from all "
+        "views of calibrate_from, `calibrated:5` from the first five",
     )
-    calibrate_from: str | None = Field(default=None, description="a group of chessboards, for `calibrated`")
-    knowledge: str = Field(default="none", description="as `roundel solve --knowledge`: same_side, floor, circle:0.5")
+    calibrate_from: str | None = Field(default=None, description="group of chessboard views, for `calibrated`")
+    knowledge: str = Field(
+        default="none",
+        description="prior knowledge of the pose, as `roundel solve --knowledge`: same_side, floor, circle:0.5",
+    )
 
     @field_validator("intrinsics")
     @classmethod
@@ -159,18 +192,24 @@ class SolveSection(Section):
 class ValidateSection(Section):
     """What `roundel run` asks of the validator."""
 
-    reprojection_extent_D: Positive = 3.0
+    reprojection_extent_D: Positive = Field(
+        default=3.0, description="half side of the reprojection grid, in marker diameters"
+    )
 
 
 class Head(Section):
     """The keys that stand once in a study."""
 
-    schema_: int = Field(alias="schema", ge=SCHEMA_VERSION, le=SCHEMA_VERSION)
-    name: str = Field(min_length=1, max_length=200)
-    seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    licence: str = "CC0-1.0"
-    solve: SolveSection = SolveSection()
-    validate_: ValidateSection = Field(default=ValidateSection(), alias="validate")
+    schema_: int = Field(
+        alias="schema", ge=SCHEMA_VERSION, le=SCHEMA_VERSION, description="version of the study format, 1"
+    )
+    name: str = Field(min_length=1, max_length=200, description="name of the study, shown in reports")
+    seed: int = Field(default=0, ge=0, le=2**63 - 1, description="seed of everything that is drawn")
+    licence: str = Field(default="CC0-1.0", description="licence of the rendered dataset (SPDX)")
+    solve: SolveSection = Field(default=SolveSection(), description="what `roundel run` asks of the solver")
+    validate_: ValidateSection = Field(
+        default=ValidateSection(), alias="validate", description="what `roundel run` asks of the validator"
+    )
 
 
 def json_schema() -> dict[str, Any]:
@@ -195,7 +234,12 @@ def json_schema() -> dict[str, Any]:
         "properties": {
             **head["properties"],
             **properties,
-            "groups": {"type": "object", "additionalProperties": overrides, "minProperties": 1},
+            "groups": {
+                "type": "object",
+                "additionalProperties": overrides,
+                "minProperties": 1,
+                "description": "groups of frames by name, each with keys that replace the shared ones",
+            },
         },
         "required": ["schema", "name"],
         "additionalProperties": False,

@@ -110,17 +110,27 @@ def _plain(value: Value) -> Any:
     return {value.kind: list(value.args)} if isinstance(value, Spread) else value
 
 
+_MEANINGS = {
+    "grid": "one cell for each combination of all grids",
+    "choice": "one of these, all equally likely",
+    "uniform": "smallest and largest value",
+    "loguniform": "smallest and largest value; the logarithm is uniform",
+    "normal": "mean and standard deviation, cut at 4 standard deviations",
+}
+
 _SPREAD_SCHEMA = {
     "anyOf": [
         {"type": "number"},
         *(
             {
                 "type": "object",
-                "properties": {kind: {"type": "array", "items": {"type": "number"}, "minItems": 1}},
+                "properties": {
+                    kind: {"type": "array", "items": {"type": "number"}, "minItems": 1, "description": meaning}
+                },
                 "required": [kind],
                 "additionalProperties": False,
             }
-            for kind in KINDS
+            for kind, meaning in _MEANINGS.items()
         ),
     ]
 }

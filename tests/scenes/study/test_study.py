@@ -218,3 +218,19 @@ def test_json_schema_refuses_a_misspelt_key() -> None:
     raw["camera"]["focl_px"] = 3
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(raw, json_schema())
+
+
+def _properties(node: object, where: str = "") -> list[tuple[str, dict]]:
+    if isinstance(node, list):
+        return [found for i, item in enumerate(node) for found in _properties(item, f"{where}[{i}]")]
+    if not isinstance(node, dict):
+        return []
+    own = node.get("properties")
+    mine = [(f"{where}.{key}", value) for key, value in own.items()] if isinstance(own, dict) else []
+    return mine + [found for key, value in node.items() for found in _properties(value, f"{where}/{key}")]
+
+
+def test_every_key_of_the_schema_is_described() -> None:
+    properties = _properties(json_schema())
+    assert len(properties) > 1000  # with the five kinds of distribution at each number
+    assert [where for where, value in properties if not value.get("description")] == []
