@@ -12,7 +12,7 @@ PACKAGES = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env fuzz fuzz-env clean distclean
+.PHONY: help env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env fuzz fuzz-env clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -85,6 +85,12 @@ bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers
 peers-env: env ## .bench-peers with simittag and pycalib, for `make bench-solver`
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --upgrade --target .bench-peers --group peers
+
+docs: env ## the documentation site: out/docs/index.html
+	@$(BIN)/python -c 'import sphinx, furo, numpydoc, myst_parser' 2>/dev/null || \
+	    $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
+	@echo "out/docs/index.html"
 
 fuzz: env ## fuzz the entrances to images and photographs for FUZZ_SECONDS in all
 	$(BIN)/python fuzz/run.py --seconds $(FUZZ_SECONDS)

@@ -1,4 +1,4 @@
-"""The README's figures of verdicts and of a calibration's worth, and its table of verdicts with a column a study.
+"""Figures of the pages results.md and claims.md, and the table of verdicts with a column for each study.
 
     python docs/verdicts/make.py PICTURES RUN...
 

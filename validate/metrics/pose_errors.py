@@ -30,7 +30,7 @@ def normal_error_deg(a: ArrayLike, b: ArrayLike) -> Array:
     Returns
     -------
     (...) array
-        Degrees in [0, 180], by atan2(|a x b|, a . b): acos would return 0 below 1e-8 rad.
+        Degrees in [0, 180], by `atan2(|a x b|, a . b)`: acos would return 0 below 1e-8 rad.
 
     Raises
     ------

@@ -1,0 +1,63 @@
+"""Sphinx configuration. `make docs` builds the site into out/docs, offline, with warnings as errors."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+sys.path.insert(0, str(Path(__file__).parent / "site"))
+
+from generate import write_pages
+
+import roundel
+
+project = "Roundel"
+author = "The Roundel authors"
+release = roundel.__version__
+copyright = author
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx-mathjax-offline"]  # no page loads anything
+exclude_patterns = ["decisions/README.md", "roundel_simittag/**", "site/**"]
+root_doc = "index"
+html_theme = "furo"
+html_title = f"Roundel {release}"
+html_copy_source = False
+html_show_sphinx = False
+html_static_path = ["site/static"]
+html_css_files = ["wide.css"]
+
+myst_enable_extensions = ["dollarmath", "fieldlist"]
+myst_heading_anchors = 4
+myst_fence_as_directive = ["math"]
+numpydoc_show_class_members = False
+autodoc_typehints = "none"  # numpydoc's sections say it with shapes and units
+autodoc_member_order = "bysource"
+
+_LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
+
+
+def _name_files_outside(app: Sphinx, name: str, source: list[str]) -> None:
+    """Turn links to files that are no pages of the site into their names: the site stands without the repository."""
+    folder = (Path(app.srcdir) / name).parent
+
+    def replaced(match: re.Match[str]) -> str:
+        target = (folder / match[2]).resolve()
+        inside = target.is_relative_to(Path(app.srcdir)) and not target.is_dir()
+        if inside and target.suffix in (".md", ".svg", ".png", ".jpg", ".rst"):
+            return match[0]
+        shown = target.relative_to(Path(app.srcdir).parent).as_posix()
+        text = match[1].strip("`")
+        return f"`{shown}`" if text in (shown, match[2], target.name) else f"{match[1]} (`{shown}`)"
+
+    source[0] = _LINK.sub(replaced, source[0])
+
+
+def setup(app: Sphinx) -> None:
+    """Write the generated pages before the build reads any."""
+    write_pages(Path(app.srcdir) / "reference")
+    app.connect("source-read", _name_files_outside)

@@ -1,0 +1,90 @@
+"""The documents: links that lead somewhere, a README that is read, pages made from the code that cover the code."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import roundel
+from roundel.scenes.study.schema import json_schema
+
+HOUSE = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    path
+    for path in (*HOUSE.glob("*.md"), *(HOUSE / "docs").rglob("*.md"), *(HOUSE / "benchmarks").glob("*.md"))
+    if "reference" not in path.parts
+)
+LINK = re.compile(r"\[[^\]]*\]\(((?:[^()\s]|\([^()\s]*\))+)\)")
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub and MyST make them."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+    headings = re.findall(r"^#+ (.+)$", text, flags=re.M)
+    plain = (re.sub(r"[^\w\- ]", "", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", h)).lower() for h in headings)
+    return {h.strip().replace(" ", "-") for h in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(HOUSE)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+    broken = []
+    for target in LINK.findall(text):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        name, _, anchor = target.partition("#")
+        if name.startswith("reference/"):
+            continue  # made by the build, which fails on a link that leads nowhere
+        file = (page.parent / name).resolve() if name else page
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors_of(file)):
+            broken.append(target)
+    assert broken == []
+
+
+def test_the_readme_is_short() -> None:
+    assert len((HOUSE / "README.md").read_text(encoding="utf-8").splitlines()) <= 130
+
+
+@pytest.fixture
+def generators(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(HOUSE / "docs" / "site"))
+    yield
+    for name in ("api_pages", "column_pages", "import_graph", "study_pages", "generate"):
+        sys.modules.pop(name, None)
+
+
+def test_the_study_page_has_every_key(generators) -> None:
+    from study_pages import study_page
+
+    page = study_page()
+    schema = json_schema()
+    sections = [schema, *schema["$defs"].values()]
+    keys = {key for section in sections for key in section.get("properties", {})} - {"groups", "preset"}
+    assert {key for key in keys if f"| `{key}` |" not in page} == set()
+
+
+def test_the_command_page_has_every_verb(generators) -> None:
+    from generate import command_page
+
+    page = command_page()
+    for verb in ("check", "render", "solve", "validate", "run", "gate", "studies", "init", "doctor"):
+        assert f"## roundel {verb}" in page
+
+
+def test_the_api_page_has_every_public_name(generators) -> None:
+    from api_pages import api_page
+
+    page = api_page()
+    assert [name for name in roundel.__all__ if name != "__version__" and f":: roundel.{name}\n" not in page] == []
+
+
+def test_the_import_graph_is_of_this_tree(generators) -> None:
+    from import_graph import draw_graph, imports_of
+
+    graph = imports_of(HOUSE)
+    assert "scenes/camera" in graph["solver/fit"]
+    assert not any(
+        target.startswith("validate") for name in graph if name.startswith("solver") for target in graph[name]
+    )
+    assert draw_graph(HOUSE).count("<rect") == len(graph) + 1
