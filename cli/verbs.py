@@ -339,3 +339,11 @@ def do_doctor(arguments: argparse.Namespace) -> int:
     for line in lines:
         print(line)
     return 0 if well else 4
+
+
+def do_completion(arguments: argparse.Namespace) -> int:
+    """Print the script that completes the command in a shell."""
+    from roundel.cli.completion import script
+
+    print(script(arguments.shell), end="")
+    return 0

@@ -9,7 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
-from roundel.cli.main import build_parser, main
+from roundel.cli.main import main
+from roundel.cli.parser import build_parser
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import total_frames
 from roundel.validate.gate.baseline import read_baseline

@@ -1,0 +1,89 @@
+"""Types of arguments, and options that print and exit."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+
+def frame_range(text: str) -> range:
+    """Frames `A:B`, from A up to but not with B; a single number is that frame."""
+    start, colon, stop = text.partition(":")
+    try:
+        frames = range(int(start or 0), int(stop) if stop else int(start) + 1 if not colon else sys.maxsize)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: frames are A:B, from A up to but not with B, as in 0:100"
+        ) from None
+    if frames.start < 0 or len(frames) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r}: no frames in this range; give A:B with A smaller than B")
+    return frames
+
+
+def count(text: str) -> int:
+    """A whole number, 1 or more."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: give a whole number, 1 or more")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a positive number")
+    return value
+
+
+def views(text: str) -> int:
+    """A number of views, in plain digits: it becomes part of a label."""
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number of views, as 20")
+    return int(text)
+
+
+def leave_stdout() -> None:
+    """Write to nowhere from now on: the reader of our output went away (`roundel check | head`); nothing is wrong."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class _PrintAndExit(argparse.Action):
+    """Prints a text and exits, as --help does: before the other arguments are asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        try:
+            print(self.text(), flush=True)
+        except BrokenPipeError:
+            leave_stdout()
+        parser.exit()
+
+    def text(self) -> str:
+        raise NotImplementedError
+
+
+class ListMethods(_PrintAndExit):
+    """Prints the methods of `solve`."""
+
+    def text(self) -> str:
+        """A line a method."""
+        from roundel.solver.methods.registry import method_lines
+
+        return "\n".join(method_lines())
+
+
+class EstimatesSchema(_PrintAndExit):
+    """Prints the columns of a file of estimates."""
+
+    def text(self) -> str:
+        """A table in Markdown."""
+        from roundel.validate.estimates.schema import columns_markdown
+
+        return columns_markdown()

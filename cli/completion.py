@@ -1,0 +1,90 @@
+"""Completion in a shell: the script, and what an argument may be. argcomplete does the rest, when Tab is pressed."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from importlib.metadata import entry_points
+
+from roundel.cli.parser import SHELLS
+from roundel.configs.shipped import study_names
+
+# Written here once more, because their modules load numpy or more: a Tab has a tenth of a second.
+METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
+KINDS = (
+    "disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard",
+    "chessboard", "charuco", "tags",
+)  # fmt: skip
+PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
+INTRINSICS = (
+    "true", "default", "default:width", "default:crop43", "exif", "scaled:", "focal:", "focal35:", "calibrated:",
+)  # fmt: skip
+KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:")
+
+_IMAGES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
+_ANY = ("",)
+# No file ends so: folders alone.
+_FOLDERS = ("/",)
+
+
+def script(shell: str) -> str:
+    """The script to load in a shell. It asks `roundel` itself, and so stays right when Roundel is upgraded."""
+    from argcomplete.shell_integration import shellcode
+
+    return shellcode(["roundel"], shell=shell)
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Answer the question that a shell put into the environment, and exit."""
+    import argcomplete
+
+    verbs = next(action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    for verb in verbs.choices.values():
+        for action in verb._actions:
+            vars(action)["completer"] = _completer(action)
+    # Options once a dash is typed, and not before: a study's name is wanted there.
+    argcomplete.autocomplete(parser, always_complete_options=False)
+
+
+def _completer(action: argparse.Action) -> Callable[..., list[str]]:
+    def words(prefix: str, **_: object) -> list[str]:
+        return [*_values(action.dest), *_paths(prefix, _suffixes(action))]
+
+    return words
+
+
+def _values(dest: str) -> list[str]:
+    """Words that an argument may be, by its name in the parser."""
+    if dest in ("study", "name", "source"):
+        return study_names()
+    if dest == "method":
+        return [*METHODS, *sorted(entry.name for entry in entry_points(group="roundel.methods"))]
+    known = {"kind": KINDS, "paper": PAPERS, "intrinsics": INTRINSICS, "knowledge": KNOWLEDGE, "shell": SHELLS}
+    return list(known.get(dest, ()))
+
+
+def _suffixes(action: argparse.Action) -> tuple[str, ...]:
+    """How the files end that an argument may be; nothing if it is no path."""
+    if action.dest in ("study", "sensor"):
+        return (".yaml", ".yml")
+    if action.dest == "inputs":
+        return _IMAGES
+    if action.metavar in ("DATASET", "REPORT", "FOLDER"):
+        return _FOLDERS
+    return _ANY if action.metavar in ("FILE", "OUT", "CAMERA", "ESTIMATES") else ()
+
+
+def _paths(prefix: str, suffixes: tuple[str, ...]) -> list[str]:
+    if not suffixes:
+        return []
+    folder, _, start = prefix.rpartition("/")
+    try:
+        found = sorted(os.scandir(f"{folder}/" if "/" in prefix else "."), key=lambda entry: entry.name)
+    except OSError:
+        return []
+    at = prefix[: len(prefix) - len(start)]
+    named = [e for e in found if e.name.startswith(start) and (start or not e.name.startswith("."))]
+    return [
+        f"{at}{e.name}{'/' if e.is_dir() else ''}" for e in named if e.is_dir() or e.name.lower().endswith(suffixes)
+    ]

@@ -1,0 +1,190 @@
+"""All verbs and their arguments. Nothing but argparse is imported, so that `roundel --help` answers at once."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+from roundel.cli.arguments import EstimatesSchema, ListMethods, count, frame_range, positive, views
+from roundel.cli.usage import Parser
+
+EXIT_STATUS = (
+    "exit status: 0 success, 1 gate failed, 2 usage or study error, 3 not comparable or too few samples, "
+    "4 run-time failure or corrupt data, 130 interrupted"
+)
+SHELLS = ("bash", "zsh", "fish")
+
+# A verb's name and its line of help to its parser.
+AddVerb = Callable[[str, str], argparse.ArgumentParser]
+
+_STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
+_DATASET = "folder of a dataset, written by `roundel render`"
+_REPORT = "folder of a report, written by `roundel validate`"
+_OUT = "folder to write to"
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command's parser, with a parser for each verb."""
+    parser = Parser(
+        prog="roundel",
+        description="Ray-traced datasets of circular markers, exact truth, single-circle pose, and its validation.",
+        epilog=EXIT_STATUS,
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
+
+    def add(name: str, text: str) -> argparse.ArgumentParser:
+        return verbs.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=EXIT_STATUS)
+
+    _add_studies(add)
+    _add_rendering(add)
+    _add_solving(add)
+    _add_scoring(add)
+    _add_gate(add)
+    _add_tools(add)
+    return parser
+
+
+def _add_studies(add: AddVerb) -> None:
+    check = add("check", "read a study, print it resolved, its frames and its cost")
+    check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
+    check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
+
+    studies = add("studies", "list the shipped studies, or print one")
+    studies.add_argument("name", nargs="?", metavar="NAME", help="print this study instead of the list")
+
+    init = add("init", "write a commented study to start from")
+    init.add_argument("file", metavar="FILE", help="where to write it; an existing file is never overwritten")
+    init.add_argument("--from", dest="source", metavar="NAME", help="start from this shipped study")
+
+
+def _add_rendering(add: AddVerb) -> None:
+    render = add("render", "render a study to a dataset; resumes by itself")
+    render.add_argument("study", metavar="STUDY", help=_STUDY)
+    render.add_argument("dataset", metavar="DATASET", help="folder to write to; one that is half rendered is finished")
+    render.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames")
+
+    run = add("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
+    run.add_argument("study", metavar="STUDY", help=_STUDY)
+    run.add_argument("out", metavar="OUT", help=_OUT)
+    for parser in (render, run):
+        parser.add_argument(
+            "--jobs", type=count, default=1, metavar="N", help="processes (default 1; one uses all cores)"
+        )
+        parser.add_argument("--threads", type=count, metavar="N", help="threads a process (default: all cores)")
+
+    develop = add("develop", "expose a dataset's radiance anew, for another sensor, without rendering")
+    develop.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    develop.add_argument("out", metavar="OUT", help="folder of the new dataset")
+    develop.add_argument(
+        "--sensor", required=True, metavar="FILE", help="YAML: keys of a `sensor:` section, laid over each group's own"
+    )
+
+    verify = add("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
+    verify.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
+
+
+def _add_solving(add: AddVerb) -> None:
+    solve = add("solve", "estimate the pose of every circle in a dataset, or in photographs")
+    solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
+    solve.add_argument("out", metavar="OUT", help=_OUT)
+    solve.add_argument(
+        "--diameter-m", type=positive, metavar="D", help="outer diameter of the printed circles; photographs need it"
+    )
+    solve.add_argument(
+        "--method",
+        action="append",
+        metavar="NAME",
+        help="pixels (default), ml, guaranteed, direct, edgedrawing, or one that --list-methods names; may repeat",
+    )
+    solve.add_argument(
+        "--list-methods", action=ListMethods, nargs=0, help="print all methods, those of installed packages too"
+    )
+    solve.add_argument(
+        "--intrinsics",
+        action="append",
+        metavar="SPEC",
+        help="true, default, default:width, default:crop43, exif, focal:3100+-60 (px), focal35:26+-1 (mm), scaled:0.7, "
+        "calibrated:FILE; may repeat (default: the study's; for photographs exif, else default)",
+    )
+    solve.add_argument(
+        "--linear", action="store_true", help="photographs whose pixels are proportional to light (default: sRGB)"
+    )
+    solve.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames of a dataset")
+    solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; may repeat")
+    solve.add_argument(
+        "--knowledge",
+        metavar="WORDS",
+        help="what is known of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
+        "circle:RATIO; several joined by + (default: none, both poses are equally likely)",
+    )
+
+    calibrate = add("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")
+    calibrate.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    calibrate.add_argument("camera", metavar="CAMERA", help="where the camera file is written")
+    calibrate.add_argument("--group", metavar="GROUP", help="the chessboards (default: the only such group)")
+    calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
+
+
+def _add_scoring(add: AddVerb) -> None:
+    validate = add("validate", "score estimates against the truth")
+    validate.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    validate.add_argument(
+        "estimates", metavar="ESTIMATES", nargs="+", help="folders written by `roundel solve`, or files of estimates"
+    )
+    validate.add_argument("--out", required=True, metavar="REPORT", help="folder to write the report to")
+    validate.add_argument(
+        "--schema", action=EstimatesSchema, nargs=0, help="print what a file of estimates must and may hold"
+    )
+    validate.add_argument(
+        "--extent-D", type=positive, metavar="D", help="half side of the reprojection grid (default: the study's)"
+    )
+    validate.add_argument(
+        "--camera", metavar="FILE", help="calibrated camera, for the pose of a chessboard beside the marker"
+    )
+
+    compare = add("compare", "write one page over several reports, paired by frame where they are of one dataset")
+    compare.add_argument(
+        "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
+    )
+    compare.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the page to")
+
+
+def _add_gate(add: AddVerb) -> None:
+    gate = add("gate", "compare a report with a baseline; exits with status 1 if it is worse")
+    gate.add_argument("report", metavar="REPORT", help=_REPORT)
+    gate.add_argument("--baseline", required=True, metavar="FILE", help="the baseline, from `roundel baseline accept`")
+    gate.add_argument("--junit", metavar="FILE", help="write the checks as JUnit XML, too")
+
+    baseline = add("baseline", "accept the scores of a report as the baseline of later ones")
+    baseline.add_argument("action", choices=("accept",), help="accept: write the baseline")
+    baseline.add_argument("report", metavar="REPORT", help=_REPORT)
+    baseline.add_argument("--baseline", required=True, metavar="FILE", help="where to write it; an older one goes")
+    baseline.add_argument("--reason", required=True, metavar="TEXT", help="why these scores are right; kept in it")
+
+
+def _add_tools(add: AddVerb) -> None:
+    marker = add("marker", "write a marker to print, to scale, with a ruler that checks the printer")
+    marker.add_argument(
+        "kind",
+        metavar="KIND",
+        help="disc, disc_with_tick, ring, rings, coded_rings, two_discs, dot_ring, disc_with_chessboard, chessboard, "
+        "charuco, tags",
+    )
+    marker.add_argument("out", metavar="OUT", help="file to write; ends in .pdf or .svg")
+    marker.add_argument("--diameter-m", type=positive, metavar="D", help="of the circle (default 0.08)")
+    marker.add_argument("--paper", default="a4", metavar="NAME", help="a5, a4 (default), a3, letter, legal, tabloid")
+    marker.add_argument(
+        "--set", action="append", metavar="KEY=VALUE", help="a key of the marker's section, as inner_diameter_m=0.05"
+    )
+
+    add("doctor", "print versions and the renderer's backend, what is missing, and its remedy")
+
+    completion = add("completion", "print the script that completes this command in a shell")
+    completion.add_argument(
+        "shell",
+        choices=SHELLS,
+        metavar="SHELL",
+        help='bash, zsh or fish; load it by `eval "$(roundel completion bash)"`, or `roundel completion fish | source`',
+    )

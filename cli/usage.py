@@ -1,0 +1,61 @@
+"""The argument parser's class: a wrong argument is one line on stderr, with what was probably meant."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+_USAGE_STATUS = 2
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser that suggests a verb or option for a mistyped one."""
+
+    _given: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as argparse does; an argument that this parser does not know is its own error.
+
+        argparse passes it up to the parser of the whole command, which does not know the verb's options.
+        """
+        self._given = list(sys.argv[1:] if args is None else args)
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unexpected argument {unknown[0]!r}")
+        return parsed, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line on stderr and exit with status 2."""
+        # First the unknown option: argparse names only the required one that it was meant to be.
+        text = next(filter(None, map(self._unknown_option, self._own_words())), message)
+        where = "" if text.endswith("?") else f"; see `{self.prog} --help`"
+        self.exit(_USAGE_STATUS, f"{self.prog}: {text}{where}\n")
+
+    def _own_words(self) -> Sequence[str]:
+        """The words that this parser reads: of the whole command, those before the verb."""
+        words = list(self._given)
+        ends = (i for i, word in enumerate(words) if word == "--" or (self._subparsers and not word.startswith("-")))
+        return words[: next(ends, len(words))]
+
+    def _unknown_option(self, word: str) -> str | None:
+        name = word.partition("=")[0]
+        known = self._option_string_actions
+        # A negative number is a value, and argparse takes abbreviations.
+        if not name.startswith("-") or not name.strip("-")[:1].isalpha() or any(o.startswith(name) for o in known):
+            return None
+        return f"unknown option {name}" + _suggestion(f"--{name.lstrip('-')}", known)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is None or value in action.choices:
+            return
+        what = "verb" if isinstance(action, argparse._SubParsersAction) else action.metavar or action.dest
+        hint = _suggestion(str(value), action.choices) or f"; use one of {', '.join(action.choices)}"
+        raise argparse.ArgumentError(None, f"unknown {what} {value!r}{hint}")
+
+
+def _suggestion(word: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
