@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from roundel.scenes.study.sampling import cells_of
 from roundel.scenes.study.study import Study
-from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges
+from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges, total_frames
 
 # Two cores: rays in closed form, rays through Mitsuba's integrators, encoding and measuring of a frame (benchmarks/).
 _PLAIN_RAYS_A_SECOND = 17e6
@@ -43,15 +45,17 @@ def _rays(frame: Frame) -> float:
     return float(plan.edge.size * render.samples + band)
 
 
-def cost_of(study: Study) -> list[str]:
+def cost_of(study: Study, progress: Callable[[int, int], None] | None = None) -> list[str]:
     """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
     from roundel.render.scene.transport import is_plain
 
     lines = []
     seconds = 0.0
     ranges = group_ranges(study)
-    for _ in frames_of(study):
-        pass
+    total = total_frames(study)
+    for done, _ in enumerate(frames_of(study), start=1):
+        if progress:
+            progress(done, total)
     for name, ids in ranges.items():
         group = study.groups[name]
         text = f"group {name}: {len(ids)} frames"

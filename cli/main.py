@@ -74,12 +74,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 4
 
 
+_AFTER_INTERRUPT = {
+    **dict.fromkeys(("render", "develop", "run"), "; frames that are rendered are kept"),
+    **dict.fromkeys(("solve", "validate", "calibrate", "compare"), "; its results are not written"),
+}
+
+
 def _interrupted(verb: str) -> int:
-    kept = verb in ("render", "develop", "run")
-    print(
-        "roundel: interrupted; " + ("frames that are rendered are kept" if kept else "its results are not written"),
-        file=sys.stderr,
-    )
+    print(f"roundel: interrupted{_AFTER_INTERRUPT.get(verb, '')}", file=sys.stderr)
     return 130
 
 

@@ -4,40 +4,54 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Protocol
 
 from roundel.cli.interrupt import stop_if_interrupted
 
 _SECONDS_BETWEEN_LINES = 10.0
 
 
+class Show(Protocol):
+    """Shows that `done` of `total` frames are done; `step` is what is done first, under a name of its own."""
+
+    def __call__(self, done: int, total: int, *, step: str | None = None) -> None:
+        """Show it."""
+
+
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A callable `(done, total)` that shows how far `what` is."""
+def progress(what: str) -> Iterator[Show]:
+    """A callable `(done, total)` that shows how far `what` is.
+
+    A step is not worth a line when it is done; `what` is.
+    """
     if sys.stderr.isatty():
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True)) as bar:
+            tasks: dict[str, TaskID] = {}
 
-            def update(done: int, total: int) -> None:
+            def update(done: int, total: int, *, step: str | None = None) -> None:
                 stop_if_interrupted()
+                name = step or what
                 # No bar before there is something to count: some verbs find nothing to do.
-                task = bar.task_ids[0] if bar.task_ids else bar.add_task(what, total=total)
-                bar.update(task, completed=done, total=total)
+                if name not in tasks:
+                    tasks[name] = bar.add_task(name, total=total)
+                bar.update(tasks[name], completed=done, total=total, visible=step is None or done < total)
 
             yield update
         return
     started = said = time.monotonic()
 
-    def line(done: int, total: int) -> None:
+    def line(done: int, total: int, *, step: str | None = None) -> None:
         nonlocal said
         stop_if_interrupted()
         now = time.monotonic()
-        if done == total or now - said >= _SECONDS_BETWEEN_LINES:
+        if (done == total and step is None) or now - said >= _SECONDS_BETWEEN_LINES:
             said = now
-            print(f"{what}: {done} of {total} frames, {now - started:.0f} s", file=sys.stderr, flush=True)
+            print(f"{step or what}: {done} of {total} frames, {now - started:.0f} s", file=sys.stderr, flush=True)
 
     yield line

@@ -6,6 +6,7 @@ import argparse
 import json
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ def do_check(arguments: argparse.Namespace) -> int:
     from roundel.datasets.finish import study_bytes
 
     study = _study(arguments.study)
-    cost = cost_of(study)
+    with progress("check") as show:
+        cost = cost_of(study, partial(show, step="check"))
     print(study_bytes(study).decode(), end="")
     print(f"# dataset_id {study.digest()}")
     for line in cost:
@@ -87,14 +89,9 @@ def do_init(arguments: argparse.Namespace) -> int:
 
 def do_render(arguments: argparse.Namespace) -> int:
     """Render a study to a dataset."""
-    from roundel.render.run import render_study
-
     study, out = _study(arguments.study), Path(arguments.dataset)
     _room_for(study, out)
-    with progress("render") as show:
-        dataset = render_study(
-            study, out, jobs=arguments.jobs, threads=arguments.threads, frames=arguments.frames, progress=show
-        )
+    dataset = _rendered(study, out, arguments, arguments.frames)
     _warn_of_flags(out if dataset is None else dataset)
     if dataset is None:
         print(f"{out}: frames are still missing; run `roundel render` without --frames to finish")
@@ -102,6 +99,21 @@ def do_render(arguments: argparse.Namespace) -> int:
         print(f"{out}: {len(dataset)} frames, dataset_id {dataset.manifest['dataset_id'][:12]}")
         _print_fidelity(dataset.manifest)
     return 0
+
+
+def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: range | None) -> Any:
+    from roundel.render.run import render_study
+
+    with progress("render") as show:
+        return render_study(
+            study,
+            dataset,
+            jobs=arguments.jobs,
+            threads=arguments.threads,
+            frames=frames,
+            progress=show,
+            check_progress=partial(show, step="check"),
+        )
 
 
 def do_develop(arguments: argparse.Namespace) -> int:
@@ -210,7 +222,6 @@ def do_validate(arguments: argparse.Namespace) -> int:
 
 def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
-    from roundel.render.run import render_study
     from roundel.solver.methods.solve import solve_dataset
     from roundel.validate.calibration.study_calibrations import calibrate_study
     from roundel.validate.scores.summary import terminal_table
@@ -218,8 +229,7 @@ def do_run(arguments: argparse.Namespace) -> int:
 
     study, out = _study(arguments.study), Path(arguments.out)
     _room_for(study, out)
-    with progress("render") as show:
-        dataset = render_study(study, out / "dataset", jobs=arguments.jobs, threads=arguments.threads, progress=show)
+    dataset = _rendered(study, out / "dataset", arguments, None)
     assert dataset is not None, "a run without --frames finishes its dataset"
     _warn_of_flags(dataset)
     _print_fidelity(dataset.manifest)

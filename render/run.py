@@ -145,6 +145,7 @@ def render_study(
     frames: range | None = None,
     variant: str = DEFAULT_VARIANT,
     progress: Progress | None = None,
+    check_progress: Progress | None = None,
 ) -> Dataset | None:
     """Render a study to a dataset on disk; frames that are there already are kept.
 
@@ -162,7 +163,9 @@ def render_study(
     variant : str
         Mitsuba variant.
     progress : callable, optional
-        Called with (done, total).
+        Called with (done, total) as frames are rendered.
+    check_progress : callable, optional
+        Called with (done, total) before that, while every frame is placed.
 
     Returns
     -------
@@ -185,11 +188,14 @@ def render_study(
     ranges = group_ranges(study)
     images = {i for name, ids in ranges.items() if study.groups[name].mode == "images" for i in ids}
     digests: dict[int, str] = {}
+    count = sum(map(len, ranges.values()))
     for frame in frames_of(study):
         # Every frame is placed before the first is rendered: a study that cannot be finished is refused now.
         digests[frame.frame_id] = frame_digest(frame)
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)
+        if check_progress:
+            check_progress(len(digests), count)
     entries = prepare(study, dataset)
     check_resumable(dataset, entries, digests)
     missing = [i for i in wanted if i not in entries]
@@ -197,10 +203,11 @@ def render_study(
         reopen(dataset, entries)
     if progress:
         progress(len(wanted) - len(missing), len(wanted))
-    for count, (entry, seconds) in enumerate(_rendered(study, dataset, missing, jobs, variant, threads), start=1):
+    results = _rendered(study, dataset, missing, jobs, variant, threads)
+    for done, (entry, seconds) in enumerate(results, start=len(wanted) - len(missing) + 1):
         record(dataset, entries, entry, seconds)
         if progress:
-            progress(len(wanted) - len(missing) + count, len(wanted))
+            progress(done, len(wanted))
     if images - set(entries):
         return None
     made_by = environment(variant) if images else {"variant": None}

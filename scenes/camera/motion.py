@@ -79,15 +79,11 @@ def exp_twist(twist: ArrayLike, time_s: ArrayLike) -> Array:
     first = np.where(small, 1 - a2 / 6 + a2 * a2 / 120, np.sin(safe) / safe)
     second = np.where(small, 0.5 - a2 / 24 + a2 * a2 / 720, (1 - np.cos(safe)) / safe**2)
     third = np.where(small, 1 / 6 - a2 / 120 + a2 * a2 / 5040, (safe - np.sin(safe)) / safe**3)
-    zero = np.zeros_like(w[..., 0])
-    cross = np.stack(
-        [
-            np.stack([zero, -w[..., 2], w[..., 1]], axis=-1),
-            np.stack([w[..., 2], zero, -w[..., 0]], axis=-1),
-            np.stack([-w[..., 1], w[..., 0], zero], axis=-1),
-        ],
-        axis=-2,
-    )
+    # Filled in place: stacking took a third of the time.
+    cross = np.zeros((*xi.shape[:-1], 3, 3))
+    cross[..., 0, 1], cross[..., 1, 0] = -w[..., 2], w[..., 2]
+    cross[..., 2, 0], cross[..., 0, 2] = -w[..., 1], w[..., 1]
+    cross[..., 1, 2], cross[..., 2, 1] = -w[..., 0], w[..., 0]
     square = cross @ cross
     out = np.zeros((*xi.shape[:-1], 4, 4))
     out[..., :3, :3] = np.eye(3) + first * cross + second * square
@@ -101,10 +97,9 @@ def pose_at(motion: Motion, camera_from_sheet: Array, time_s: ArrayLike) -> Arra
     time = np.asarray(time_s, dtype=np.float64)
     if not motion.moves:
         return np.broadcast_to(camera_from_sheet, (*time.shape, 4, 4)).copy()
-    return np.asarray(
-        exp_twist(motion.camera_twist, -time) @ camera_from_sheet @ exp_twist(motion.marker_twist, time),
-        dtype=np.float64,
-    )
+    pose = exp_twist(motion.camera_twist, -time) @ camera_from_sheet
+    # A marker at rest is the usual case; the identity changes nothing.
+    return pose @ exp_twist(motion.marker_twist, time) if np.any(motion.marker_twist) else pose
 
 
 # Newton steps on the row where a moving point is imaged; each doubles the digits.
@@ -143,7 +138,9 @@ def image_of(camera: Camera, motion: Motion, camera_from_sheet: Array, points_m:
         for _ in range(_ROW_STEPS):
             miss = at(motion.row_time_s(row))[:, 1] - row
             beside = at(motion.row_time_s(row + _ROW_SLOPE_PX))[:, 1] - (row + _ROW_SLOPE_PX)
-            row = row - miss * _ROW_SLOPE_PX / (beside - miss)
+            before, row = row, row - miss * _ROW_SLOPE_PX / (beside - miss)
+            if np.array_equal(before, row, equal_nan=True):
+                break  # every later step would be this one again
         time = motion.row_time_s(row)
         px = at(time)
         # A point as fast as the shutter is never caught, and a faster one is imaged upside down.
