@@ -12,6 +12,7 @@ from typing import Any
 
 from roundel.cli.progress import progress
 from roundel.cli.study_verbs import find_study, init_study, list_studies
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import DataError, UsageError
 
 
@@ -60,9 +61,7 @@ def _study(path: str) -> Any:
 
 def _is_of_study(label: str) -> bool:
     """Whether intrinsics are calibrated from the study's own chessboards, and no camera file yet."""
-    from roundel.scenes.study.schema import calibration_views
-
-    return label == "calibrated" or calibration_views(label) is not None
+    return label == "calibrated" or IntrinsicsLabel.of(label).views is not None
 
 
 def _room_for(study: Any, out: Path) -> None:

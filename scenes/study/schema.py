@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.study.camera_section import CameraSection, MotionSection
 from roundel.scenes.study.layers import preset_names
 from roundel.scenes.study.light_section import LightSection, OccluderSection
@@ -150,18 +151,6 @@ class GroupSection(Section):
         return self
 
 
-def calibration_views(label: str) -> int | None:
-    """How many views intrinsics of the form `calibrated:N` ask for; None for any other label.
-
-    Examples
-    --------
-    >>> calibration_views("calibrated:5"), calibration_views("calibrated"), calibration_views("calibrated:phone.json")
-    (5, None, None)
-    """
-    kind, _, count = label.partition(":")
-    return int(count) if kind == "calibrated" and count.isascii() and count.isdecimal() else None
-
-
 class SolveSection(Section):
     """What `roundel run` asks of the solver."""
 
@@ -183,7 +172,7 @@ class SolveSection(Section):
     @classmethod
     def _enough_views(cls, labels: list[str]) -> list[str]:
         for label in labels:
-            views = calibration_views(label)
+            views = IntrinsicsLabel.of(label).views
             if views is not None and views < MIN_CALIBRATION_VIEWS:
                 raise ValueError(f"{label}: a calibration needs {MIN_CALIBRATION_VIEWS} views or more")
         return labels

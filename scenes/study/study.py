@@ -14,6 +14,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import StudyError
 from roundel.scenes.study.identity import study_digest
 from roundel.scenes.study.layers import deep_merge, preset, preset_names
@@ -27,7 +28,6 @@ from roundel.scenes.study.schema import (
     Head,
     SolveSection,
     ValidateSection,
-    calibration_views,
 )
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.yaml_reader import Marks, read_yaml
@@ -294,7 +294,7 @@ def _check_references(study: Study) -> None:
         if study.groups[source].marker.kind != "chessboard":
             raise fail(f"solve.calibrate_from: group {source!r} has no chessboard", "solve", "calibrate_from")
     for label in study.solve.intrinsics:
-        views = calibration_views(label)
+        views = IntrinsicsLabel.of(label).views
         if views is None and label != "calibrated":
             continue
         if source is None:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError
-from roundel.scenes.study.schema import SolveSection, calibration_views
+from roundel.scenes.study.schema import SolveSection
 from roundel.validate.calibration.camera_errors import (
     ProjectionDifference,
     calibration_errors,
@@ -79,7 +80,7 @@ def calibrate_study(
     records = [write_calibration(dataset, views, camera_path, group)]
     files = {"calibrated": camera_path}
     for label in solve.intrinsics:
-        count = calibration_views(label)
+        count = IntrinsicsLabel.of(label).views
         if count is not None:
             files[label] = folder / f"{count}.json"
             records.append(write_calibration(dataset, first_views(views, count), files[label], group))
@@ -102,7 +103,7 @@ def several_calibrations(dataset: Dataset, views: list[BoardView], labels: Seque
     Calibrations or None
         None where no label names a number of views; what cannot be calibrated is left out.
     """
-    counts = sorted({n for label in labels if (n := calibration_views(label)) is not None and n <= len(views)})
+    counts = sorted({n for label in labels if (n := IntrinsicsLabel.of(label).views) is not None and n <= len(views)})
     if not counts:
         return None
     index, cameras = frame_cameras(dataset)

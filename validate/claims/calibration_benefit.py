@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.scenes.study.schema import calibration_views
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.metrics.metric import HEADLINE, column
-from roundel.validate.scores.summary import intrinsics_rank, is_right, levels
+from roundel.validate.scores.summary import levels
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def calibration_benefit(
     truth = table.filter(pa.array([r == "truth" for r in table["reference"].to_pylist()]))
     for method in sorted(set(truth["method"].to_pylist()) - {CHESSBOARD}):
         part = truth.filter(pa.array([m == method for m in truth["method"].to_pylist()]))
-        labels = sorted(set(part["intrinsics"].to_pylist()), key=intrinsics_rank)
+        labels = sorted(set(part["intrinsics"].to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
         pair = _pair(labels)
         if pair is not None:
             return _worth(method, *pair, labels, part, offset_deg, board)
@@ -129,10 +129,12 @@ def calibration_benefit(
 def _pair(labels: list[str]) -> tuple[str, str] | None:
     """The calibration from the fewest views, and the intrinsics that someone without one would take."""
     calibrated = [label for label in labels if label.startswith("calibrated:")]
-    wrong = [label for label in labels if not is_right(label) and label != "exif"] or [x for x in labels if x == "exif"]
+    wrong = [label for label in labels if not IntrinsicsLabel.of(label).is_right and label != "exif"] or [
+        x for x in labels if x == "exif"
+    ]
     if not calibrated or not wrong:
         return None
-    fewest = min(calibrated, key=lambda x: calibration_views(x) or 10**9)
+    fewest = min(calibrated, key=lambda x: IntrinsicsLabel.of(x).views or 10**9)
     return fewest, "default" if "default" in wrong else wrong[0]
 
 

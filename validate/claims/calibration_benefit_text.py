@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.study.schema import calibration_views
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
@@ -30,20 +30,14 @@ _UNITS = {"distance_D": " D", "tilt_deg": f"{_DEGREE} of tilt", "off_axis_deg": 
 Rows = NDArray[np.int64]
 
 
-def named(label: str) -> str:
-    """Intrinsics for people."""
-    kind, _, value = label.partition(":")
-    if label == BOARD:
-        return "chessboard, solvePnP"
-    if kind == "calibrated":
-        views = calibration_views(label)
-        return "calibrated" if views is None else f"calibrated, {views} views"
-    return {"exif": "EXIF", "scaled": f"focal x {value}"}.get(kind, label)
+def title_of(label: str) -> str:
+    """Intrinsics, or the chessboard, for people."""
+    return "chessboard, solvePnP" if label == BOARD else IntrinsicsLabel.of(label).title
 
 
 def answer(worth: CalibrationBenefit) -> list[str]:
     """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
-    views = calibration_views(worth.calibrated)
+    views = IntrinsicsLabel.of(worth.calibrated).views
     source = "A calibration" if views is None else f"A calibration from {views} views"
     places = {error.words: _in_short(worth, error) for error in ERRORS}
     names = list(places)
@@ -54,8 +48,8 @@ def answer(worth: CalibrationBenefit) -> list[str]:
         else "; ".join(f"{name}: {place}" for name, place in places.items())
     )
     return [
-        f"{source} is beneficial, that is, it reduces the median error with {named(worth.uncalibrated)} intrinsics by "
-        f"more than a factor of {FACTOR:g}, for the {short}.",
+        f"{source} is beneficial, that is, it reduces the median error with {title_of(worth.uncalibrated)} intrinsics "
+        f"by more than a factor of {FACTOR:g}, for the {short}.",
         *(_of_error(worth, error) for error in ERRORS),
         *_more_views(worth),
         *_other_intrinsics(worth),
@@ -155,12 +149,12 @@ def _levels(worth: CalibrationBenefit, label: str, rows: Rows) -> str:
 
 
 def _more_views(worth: CalibrationBenefit) -> list[str]:
-    counted = [label for label in worth.labels if calibration_views(label) is not None]
+    counted = [label for label in worth.labels if IntrinsicsLabel.of(label).views is not None]
     if len(counted) < 2:
         return []
     _, words, rows = _parts(worth)[-1]
-    ordered = sorted(counted, key=lambda label: calibration_views(label) or 0)
-    texts = "; ".join(f"{calibration_views(label)} views {_levels(worth, label, rows)}" for label in ordered)
+    ordered = sorted(counted, key=lambda label: IntrinsicsLabel.of(label).views or 0)
+    texts = "; ".join(f"{IntrinsicsLabel.of(label).views} views {_levels(worth, label, rows)}" for label in ordered)
     truth = f"; the true camera {_levels(worth, 'true', rows)}" if "true" in worth.labels else ""
     return [f"What more views give, {words} ({', '.join(e.words for e in ERRORS)}): {texts}{truth}."]
 
@@ -171,7 +165,7 @@ def _other_intrinsics(worth: CalibrationBenefit) -> list[str]:
         return []
     every = [worth.uncalibrated, *others]
     return [
-        f"Without a calibration, {words}: {'; '.join(f'{named(x)} {_levels(worth, x, rows)}' for x in every)}."
+        f"Without a calibration, {words}: {'; '.join(f'{title_of(x)} {_levels(worth, x, rows)}' for x in every)}."
         for _, words, rows in _parts(worth)
     ]
 
@@ -188,7 +182,7 @@ def _focal_alone(worth: CalibrationBenefit) -> list[str]:
         return []
     return [
         f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
-        f"{named(worth.uncalibrated)} intrinsics cost there is the place of the principal point and the distortion, "
+        f"{title_of(worth.uncalibrated)} intrinsics cost there is the place of the principal point and the distortion, "
         "which the paper's synthetic camera does not have."
     ]
 

@@ -10,10 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import column
-from roundel.validate.scores.summary import intrinsics_rank, levels
+from roundel.validate.scores.summary import levels
 from roundel.validate.statistics.trends import Array, Index, Mask
 
 NORMAL, POSITION, RELATIVE, REPROJECTION = (
@@ -97,12 +98,6 @@ class Condition:
         return self.distance_D.max() >= ratio * self.distance_D.min() and len(np.unique(self.distances()[0])) >= count
 
 
-def shown(label: str) -> str:
-    """Intrinsics as the paper's figures call them."""
-    kind, _, value = label.partition(":")
-    return f"x{value}" if kind == "scaled" else label
-
-
 def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
     """Every setting that can say something about the paper's claims, those on the axis first.
 
@@ -179,7 +174,7 @@ def _lens(section: dict[str, Any] | None) -> _Lens | None:
 
 
 def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens) -> list[Condition]:
-    labels = sorted(set(intrinsics.tolist()), key=intrinsics_rank)
+    labels = sorted(set(intrinsics.tolist()), key=lambda label: IntrinsicsLabel.of(label).rank)
     right = _right(labels)
     if right is None:
         return []
@@ -253,14 +248,14 @@ def _right(labels: list[str]) -> str | None:
 
 
 def _exact(labels: list[str]) -> str | None:
-    true = [x for x in labels if x == "true" or (x.startswith("scaled:") and intrinsics_rank(x)[1] == 1.0)]
+    true = [x for x in labels if x == "true" or (x.startswith("scaled:") and IntrinsicsLabel.of(x).factor == 1.0)]
     return true[0] if true else None
 
 
 def _told_factor(label: str, lens: _Lens) -> float | None:
     kind = label.partition(":")[0]
     if kind == "scaled":
-        return intrinsics_rank(label)[1]
+        return IntrinsicsLabel.of(label).factor
     if kind == "true":
         return 1.0
     return lens.default_factor if label == "default" else None

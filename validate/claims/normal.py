@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.claim import (
     MIN_PAIRS,
     NO_NOISE,
@@ -17,7 +18,7 @@ from roundel.validate.claims.claim import (
     trend_conditions,
     undecided,
 )
-from roundel.validate.claims.conditions import NORMAL, Condition, shown
+from roundel.validate.claims.conditions import NORMAL, Condition
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_ratio, log_slope, mean_of
 
@@ -181,5 +182,5 @@ def _change(s: Condition, labels: Sequence[str], *, main: bool) -> Finding:
     decision = replace(decision, estimate=changes[label])
     where = "" if s.on_axis else f", at a median of {number(float(np.median(s.off_axis_deg)))} deg off axis"
     also = "" if main else ", whose principal point and distortion are wrong as well,"
-    words = f"with {shown(label)}{also} the mean error of the normal changes by {{}} deg{where}"
-    return found(s, f"{statistic} ({shown(label)})", words, decision, region, main=main)
+    words = f"with {IntrinsicsLabel.of(label).short}{also} the mean error of the normal changes by {{}} deg{where}"
+    return found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region, main=main)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.claim import Claim, found, problem, trend_conditions, undecided
-from roundel.validate.claims.conditions import POSITION, RELATIVE, Condition, shown
+from roundel.validate.claims.conditions import POSITION, RELATIVE, Condition
 from roundel.validate.claims.normal import POWER, noisy
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_slope, mean_of
@@ -102,8 +103,8 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         low, high = 1 - NEAR_ONE, 1 + NEAR_ONE
         decision = decide_all(list(slopes.values()), low, high)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({shown(label)}, of {len(slopes)} the least sure)")
-        findings.append(found(s, f"{statistic} ({shown(label)})", words, decision, region))
+        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, of {len(slopes)} the least sure)")
+        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
         told = [label for label in s.wrong if label in s.pure]
         means = {label: mean_of(errors[label] / predicted_D(s, label), s.frame) for label in told}
         ratios = [r for r in means.values() if r is not None]
@@ -119,7 +120,9 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
                     main=False,
                 )
             )
-        medians = ", ".join(f"{shown(n)} {number(float(np.nanmedian(s.of(n, RELATIVE))))} %" for n in s.wrong)
+        medians = ", ".join(
+            f"{IntrinsicsLabel.of(n).short} {number(float(np.nanmedian(s.of(n, RELATIVE))))} %" for n in s.wrong
+        )
         remarks.append((s.name, f"Medians in percent of the distance: {medians}."))
     if not findings:
         return None

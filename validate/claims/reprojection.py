@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.claim import Claim, found, problem, trend_conditions, undecided
-from roundel.validate.claims.conditions import REPROJECTION, Condition, shown
+from roundel.validate.claims.conditions import REPROJECTION, Condition
 from roundel.validate.claims.normal import GROWS, POWER, growths, noisy
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Estimate, decide_all, log_slope, mean_of
@@ -50,9 +51,9 @@ def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
             continue
         decision = decide_all(list(slopes.values()), high=-GROWS)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({shown(label)}, of {len(slopes)} the least sure)")
-        findings.append(found(s, f"{statistic} ({shown(label)})", words, decision, region))
-        bias = {shown(n): slope for n in s.wrong if (slope := bias_slope(s, n)) is not None}
+        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, of {len(slopes)} the least sure)")
+        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
+        bias = {IntrinsicsLabel.of(n).short: slope for n in s.wrong if (slope := bias_slope(s, n)) is not None}
         if bias:
             text = ", ".join(
                 f"{n} {number(e.value)} [{number(e.interval()[0])}, {number(e.interval()[1])}]" for n, e in bias.items()
@@ -128,10 +129,15 @@ def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
             continue
         decision = decide_all(list(last.values()), high=math.log(NEAR))
         label = next(n for n, e in last.items() if e is decision.estimate)
-        words = f"at {distances[-1]:.3g} D the error with {shown(label)} is {{}} times the calibrated one"
-        findings.append(found(s, f"{statistic} ({shown(label)})", words, decision, region, logarithm=True))
+        name = IntrinsicsLabel.of(label).short
+        words = f"at {distances[-1]:.3g} D the error with {name} is {{}} times the calibrated one"
+        findings.append(
+            found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region, logarithm=True)
+        )
         places = {n: _meets_at(distances, r) for n, r in every.items()}
-        text = ", ".join(f"{shown(n)} " + (f"from {d:.3g} D" if d else "nowhere") for n, d in places.items())
+        text = ", ".join(
+            f"{IntrinsicsLabel.of(n).short} " + (f"from {d:.3g} D" if d else "nowhere") for n, d in places.items()
+        )
         remarks.append((s.name, f"Within 10 % of the calibrated curve: {text}."))
     if not findings:
         return None

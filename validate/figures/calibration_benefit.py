@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.study.schema import calibration_views
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
@@ -17,7 +17,7 @@ from roundel.validate.claims.calibration_benefit import (
     level_of,
     median_of,
 )
-from roundel.validate.claims.calibration_benefit_text import named
+from roundel.validate.claims.calibration_benefit_text import title_of
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
 from roundel.validate.metrics.metric import NORMAL, Metric
 
@@ -88,7 +88,7 @@ def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
     labels = [*worth.labels, *([BOARD] if BOARD in worth.errors[NORMAL.name] else [])]
     counted: dict[str, int] = {}
     styles: dict[str, dict[str, Any]] = {}
-    for label in sorted(labels, key=lambda x: (x != worth.calibrated, calibration_views(x) or 0)):
+    for label in sorted(labels, key=lambda x: (x != worth.calibrated, IntrinsicsLabel.of(x).views or 0)):
         kind = label.partition(":")[0]
         nth = counted[kind] = counted.get(kind, -1) + 1
         i = _COLOURS.get(kind, 5)
@@ -100,7 +100,7 @@ def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
             "lw": 1.8 if main else 1.1,
             "ms": 3.5,
             "zorder": 3 if main else 2,
-            "label": named(label),
+            "label": title_of(label),
         }
     return {label: styles[label] for label in labels}
 

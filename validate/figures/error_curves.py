@@ -11,9 +11,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
 from roundel.validate.metrics.metric import PAPER, Metric, column
-from roundel.validate.scores.summary import grid_of, intrinsics_rank, is_right
+from roundel.validate.scores.summary import grid_of
 from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
     panels = 1 if grid is None else len(grid[1])
     # One panel a row would be a tall strip: the three errors then stand side by side.
     shape = (1, len(PAPER)) if panels == 1 else (len(PAPER), panels)
-    labels = sorted(set(table["intrinsics"].to_pylist()), key=intrinsics_rank)
+    labels = sorted(set(table["intrinsics"].to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
@@ -118,7 +119,7 @@ def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distanc
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
     values = row.values(table)
     # The camera's own focal length is drawn last, on top of the others.
-    for i, label in sorted(enumerate(labels), key=lambda pair: is_right(pair[1])):
+    for i, label in sorted(enumerate(labels), key=lambda pair: IntrinsicsLabel.of(pair[1]).is_right):
         cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
         mean = np.array([cell.mean() if len(cell) else np.nan for cell in cells])
         enough = np.array([len(cell) >= _MIN_FOR_BAND for cell in cells])

@@ -12,11 +12,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import DataError
 from roundel.validate.calibration.chessboard import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
 from roundel.validate.scores.scores import Scores
-from roundel.validate.scores.summary import intrinsics_rank, is_right, number
+from roundel.validate.scores.summary import number
 from roundel.validate.tables.table import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
     errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
     for method in methods[: _MAX_OVERLAYS // 2]:
         labels = (label for m, label in scores.matched if m == method)
-        label = min(labels, key=lambda label: (not is_right(label), intrinsics_rank(label)))
+        label = min(labels, key=lambda x: (not IntrinsicsLabel.of(x).is_right, IntrinsicsLabel.of(x).rank))
         rows = _rows(table, method, label)
         ranked = sorted(
             (r for r in rows if r["oracle_normal_error_deg"] is not None),

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from roundel.validate.claims.conditions import Condition, shown
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+from roundel.validate.claims.conditions import Condition
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
 from roundel.validate.statistics.trends import Array, Estimate, mean_of
 
@@ -42,7 +43,7 @@ def curve_by_distance(s: Condition, values: Array, label: str, style: int) -> Cu
 def curves_of_cases(s: Condition, name: str) -> list[Curve]:
     """A curve for each kind of intrinsics, the calibrated one first."""
     labels = [s.right, *s.wrong]
-    names = ["calibrated", *map(shown, s.wrong)]
+    names = ["calibrated", *(IntrinsicsLabel.of(label).short for label in s.wrong)]
     return [curve_by_distance(s, s.of(n, name), names[i], i) for i, n in enumerate(labels)]
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.claim import trend_conditions
-from roundel.validate.claims.conditions import NORMAL, POSITION, REPROJECTION, Condition, conditions_of, shown
+from roundel.validate.claims.conditions import NORMAL, POSITION, REPROJECTION, Condition, conditions_of
 from roundel.validate.claims.normal import SAME_DEG, added
 from roundel.validate.claims.position import predicted_D
 from roundel.validate.claims.reprojection import NEAR, ratios_over_distance
@@ -175,7 +176,10 @@ def _reprojection_meets(name: str, title: str, settings: Sequence[Condition]) ->
     def panel(axes: Axes, s: Condition) -> None:
         distances = s.distances()[0]
         for i, label in enumerate(s.wrong, start=1):
-            draw_curve(axes, Curve(shown(label), distances, ratios_over_distance(s, label), i, as_ratio=True))
+            draw_curve(
+                axes,
+                Curve(IntrinsicsLabel.of(label).short, distances, ratios_over_distance(s, label), i, as_ratio=True),
+            )
         draw_law(axes, distances, np.full(len(distances), NEAR), f"{NEAR:g} times")
         logarithmic(axes, distances)
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from roundel.datasets.fidelity.summary import fidelity_lines
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.overlays import Overlay
 from roundel.validate.figures.svg import Picture
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary, shown_table
-from roundel.validate.report.summary_text import commands, describe_intrinsics, main_run, sentences
+from roundel.validate.report.summary_text import commands, main_run, sentences
 from roundel.validate.scores.summary import Summary, detected_without_pose, number
 from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.tables.table import Table
@@ -123,7 +124,7 @@ def _groups(groups: dict[str, int], most: int = 8) -> str:
 def _cards(summary: Summary) -> list[dict[str, str]]:
     """The few numbers that everybody asks for, of the run that the report leads with."""
     run = main_run(summary)
-    oracle, label = run["oracle"], describe_intrinsics(run["intrinsics"])
+    oracle, label = run["oracle"], IntrinsicsLabel.of(run["intrinsics"]).phrase
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
     bare = detected_without_pose(run)
     if bare and not run["solved"]:

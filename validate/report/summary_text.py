@@ -5,27 +5,11 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-from roundel.scenes.study.schema import calibration_views
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.summary import Summary, detected_without_pose, is_right, number
+from roundel.validate.scores.summary import Summary, detected_without_pose, number
 
 Run = dict[str, Any]
-
-
-def describe_intrinsics(label: str) -> str:
-    """What a kind of intrinsics is, for people."""
-    kind, _, value = label.partition(":")
-    if kind == "true":
-        return "the camera's own intrinsics"
-    if kind == "calibrated":
-        return "intrinsics calibrated from a chessboard"
-    if kind == "exif":
-        return "the focal length of the file's EXIF"
-    if kind == "default":
-        return "the default focal length of a phone" + (" (taken by width)" if value == "width" else "")
-    if kind == "scaled":
-        return "the camera's own focal length" if is_right(label) else f"a focal length of {value} times the true one"
-    return label
 
 
 def main_run(summary: Summary) -> Run:
@@ -35,7 +19,7 @@ def main_run(summary: Summary) -> Run:
 
     def rank(run: Run) -> tuple[int, str, bool]:
         place = asked.index(run["method"]) if run["method"] in asked else len(asked)
-        return place, run["method"], not is_right(run["intrinsics"])
+        return place, run["method"], not IntrinsicsLabel.of(run["intrinsics"]).is_right
 
     return min(runs, key=rank)
 
@@ -63,18 +47,18 @@ def sentences(summary: Summary) -> list[str]:
         found.append(_centre_sentence(main, bare))
     if main["oracle"]["normal_error_deg"]["n"]:
         found.append(
-            f"With {describe_intrinsics(main['intrinsics'])}, {_errors(main)}, in the median; in 95 % of frames the "
-            f"normal is within {number(main['oracle']['normal_error_deg']['p95'])}\N{DEGREE SIGN}."
+            f"With {IntrinsicsLabel.of(main['intrinsics']).phrase}, {_errors(main)}, in the median; in 95 % of frames "
+            f"the normal is within {number(main['oracle']['normal_error_deg']['p95'])}\N{DEGREE SIGN}."
         )
     others = [
         r for r in runs if r["method"] == main["method"] and r is not main and r["oracle"]["normal_error_deg"]["n"]
     ]
-    wrong = [r for r in others if not is_right(r["intrinsics"])]
+    wrong = [r for r in others if not IntrinsicsLabel.of(r["intrinsics"]).is_right]
     if wrong:
         first = next((r for r in wrong if r["intrinsics"].startswith("default")), None)
         other = first or max(wrong, key=lambda r: r["oracle"]["position_error_pct"]["median"])
         found.append(
-            f"With {describe_intrinsics(other['intrinsics'])}, {_errors(other)}. A focal length that is off by a "
+            f"With {IntrinsicsLabel.of(other['intrinsics']).phrase}, {_errors(other)}. A focal length that is off by a "
             "factor puts the marker off in distance by that factor; points drawn through the same intrinsics suffer "
             "less, and the less the farther away the marker is."
         )
@@ -146,7 +130,7 @@ def commands(summary: Summary) -> list[str]:
     reference = settings.get("reference_intrinsics") or ""
     for label in dict.fromkeys(x for x in (*labels, reference) if x.startswith("calibrated:")):
         camera = shlex.quote(f"{label.partition(':')[2]}.json")
-        views = calibration_views(label)
+        views = IntrinsicsLabel.of(label).views
         lines.append(f"roundel calibrate DATASET {camera}" + (f" --views {views}" if views else ""))
     options = "".join(f" --method {shlex.quote(m)}" for m in methods)
     for label in labels:

@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import (
     HEADLINE,
     METRIC_VERSION,
@@ -92,22 +93,6 @@ def summary_record(summary: Summary) -> dict[str, Any]:
     return {"schema": summary.schema, **{f.name: getattr(summary, f.name) for f in fields(summary)}}
 
 
-def intrinsics_rank(label: str) -> tuple[int, float, str]:
-    """Order in which intrinsics are shown: the best known first."""
-    kinds = ("true", "calibrated", "exif", "default", "scaled")
-    kind, _, value = label.partition(":")
-    number = float(value) if value.replace(".", "", 1).isdigit() else 0.0
-    # Of calibrations the one from most views first.
-    number = -number if kind == "calibrated" else number
-    return (kinds.index(kind) if kind in kinds else len(kinds), number, label)
-
-
-def is_right(intrinsics: str) -> bool:
-    """Whether a label promises the camera's own focal length."""
-    kind = intrinsics.partition(":")[0]
-    return kind in ("true", "calibrated") or (kind == "scaled" and intrinsics_rank(intrinsics)[1] == 1.0)
-
-
 def _texts(table: pa.Table, name: str) -> NDArray[Any]:
     return np.array(table[name].to_pylist(), dtype=object)
 
@@ -116,7 +101,7 @@ def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
     """(method, intrinsics, reference) of a table of scores, in the order in which they are shown."""
     found = set(zip(*(table[name].to_pylist() for name in ("method", "intrinsics", "reference")), strict=True))
     # The truth first; the chessboard's own pose last.
-    return sorted(found, key=lambda k: (k[0] == "chessboard_pnp", k[2] != "truth", k[0], intrinsics_rank(k[1])))
+    return sorted(found, key=lambda k: (k[0] == "chessboard_pnp", k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
 
 
 def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
@@ -130,7 +115,11 @@ def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str,
     mine = [key for key in keys if key[2] == "truth" and key[0] != CHESSBOARD]
 
     def place(key: tuple[str, str, str]) -> tuple[int, str, bool]:
-        return methods.index(key[0]) if key[0] in methods else len(methods), key[0], not is_right(key[1])
+        return (
+            methods.index(key[0]) if key[0] in methods else len(methods),
+            key[0],
+            not IntrinsicsLabel.of(key[1]).is_right,
+        )
 
     return min(mine, key=place, default=None)
 

@@ -12,8 +12,9 @@ from helpers_reports import BOARDS, make_dataset
 
 from roundel.cli.main import main
 from roundel.datasets.dataset import Dataset
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import StudyError, UsageError
-from roundel.scenes.study.schema import SolveSection, calibration_views
+from roundel.scenes.study.schema import SolveSection
 from roundel.scenes.study.study import load_study
 from roundel.solver.intrinsics.specification import parse_intrinsics
 from roundel.validate.calibration.opencv import BoardView, first_views, look_for_boards, read_camera
@@ -53,7 +54,7 @@ def calibrations(dataset: Dataset, views: list[BoardView]) -> Calibrations:
      ("calibrated:-5", None), ("calibrated:5.0", None), ("calibrated:\N{SUPERSCRIPT TWO}", None), ("scaled:5", None)],
 )  # fmt: skip
 def test_labels(label: str, count: int | None) -> None:
-    assert calibration_views(label) == count
+    assert IntrinsicsLabel.of(label).views == count
 
 
 def test_one_camera_file_a_label(dataset: Dataset, tmp_path: Path) -> None:
@@ -140,7 +141,7 @@ def test_pictures(calibrations: Calibrations) -> None:
 
 def test_the_shipped_study_asks_for_four_calibrations() -> None:
     study = load_study(Path(__file__).resolve().parents[3] / "configs" / "paper_real.yaml")
-    assert [n for label in study.solve.intrinsics if (n := calibration_views(label))] == [5, 10, 20, 40]
+    assert [n for label in study.solve.intrinsics if (n := IntrinsicsLabel.of(label).views)] == [5, 10, 20, 40]
     assert study.groups["calibration"].frames == 40
 
 

@@ -21,7 +21,7 @@ from roundel.validate.claims.calibration_benefit import (
     off_axis_deg,
     verdict_of,
 )
-from roundel.validate.claims.calibration_benefit_text import answer, benefit_record, named, where
+from roundel.validate.claims.calibration_benefit_text import answer, benefit_record, title_of, where
 from roundel.validate.figures.calibration_benefit import benefit_picture
 from roundel.validate.statistics.intervals import Interval
 from roundel.validate.tables.calibration_benefit import benefit_table
@@ -211,7 +211,7 @@ def test_the_picture(mixed: CalibrationBenefit) -> None:
     picture = benefit_picture(mixed)
     assert picture.svg == benefit_picture(mixed).svg
     for label in (*mixed.labels, BOARD):
-        assert f">{named(label)}<" in picture.svg
+        assert f">{title_of(label)}<" in picture.svg
     # Three errors by distance on and off the axis, tilt off it, and offset.
     assert len(re.findall(r'id="worth-axes_\d+"', picture.svg)) == 12
 

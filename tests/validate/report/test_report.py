@@ -14,10 +14,11 @@ from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_data
 
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.layout.files import sha256
+from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
 from roundel.validate.scores.run_statistics import statistics
-from roundel.validate.scores.summary import Summary, intrinsics_rank, number, summary_record, terminal_table
+from roundel.validate.scores.summary import Summary, number, summary_record, terminal_table
 from roundel.validate.validate import validate_dataset
 
 LABELS = ["scaled:0.7", "scaled:1", "scaled:1.3"]
@@ -216,7 +217,7 @@ def test_nothing_solved_is_a_report_too(dataset: Dataset, tmp_path: Path) -> Non
 
 def test_intrinsics_are_shown_best_known_first() -> None:
     labels = ["scaled:1.3", "default", "true", "scaled:0.85", "exif", "calibrated:a", "other"]
-    assert sorted(labels, key=intrinsics_rank) == [
+    assert sorted(labels, key=lambda label: IntrinsicsLabel.of(label).rank) == [
         "true", "calibrated:a", "exif", "default", "scaled:0.85", "scaled:1.3", "other"]  # fmt: skip
 
 

@@ -1,0 +1,92 @@
+"""Labels of intrinsics, such as `true` or `scaled:0.7`: what they mean, their order, and how people read them.
+
+Records carry the label as text; this is the one place that takes it apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# In the order in which they are shown: the best known first.
+KINDS = ("true", "calibrated", "exif", "default", "scaled")
+
+
+@dataclass(frozen=True)
+class IntrinsicsLabel:
+    """A label taken apart: `kind`, and what follows the colon.
+
+    Examples
+    --------
+    >>> IntrinsicsLabel.of("calibrated:5").views, IntrinsicsLabel.of("scaled:0.7").factor
+    (5, 0.7)
+    """
+
+    kind: str
+    value: str
+
+    @classmethod
+    def of(cls, label: str) -> IntrinsicsLabel:
+        """The label as records have it; any text is one."""
+        kind, _, value = label.partition(":")
+        return cls(kind, value)
+
+    @property
+    def text(self) -> str:
+        """The label as records have it."""
+        return f"{self.kind}:{self.value}" if self.value else self.kind
+
+    @property
+    def views(self) -> int | None:
+        """Number of views of a calibration of the form `calibrated:5`; None for any other label."""
+        counted = self.kind == "calibrated" and self.value.isascii() and self.value.isdecimal()
+        return int(self.value) if counted else None
+
+    @property
+    def factor(self) -> float:
+        """Factor on the true focal length of `scaled:X`; 0 for any other label."""
+        return self.number if self.kind == "scaled" else 0.0
+
+    @property
+    def number(self) -> float:
+        """The number behind the colon; 0 where there is none."""
+        return float(self.value) if self.value.replace(".", "", 1).isdigit() else 0.0
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the label promises the camera's own focal length."""
+        return self.kind in ("true", "calibrated") or self.factor == 1.0
+
+    @property
+    def rank(self) -> tuple[int, float, str]:
+        """Key to sort by: the best known first; of calibrations, the one from most views."""
+        number = -self.number if self.kind == "calibrated" else self.number
+        return KINDS.index(self.kind) if self.kind in KINDS else len(KINDS), number, self.text
+
+    @property
+    def short(self) -> str:
+        """For a legend or a clause, as the paper's figures have it: `x0.7`."""
+        return f"x{self.value}" if self.kind == "scaled" else self.text
+
+    @property
+    def title(self) -> str:
+        """For a table or a legend with room: `calibrated, 5 views`, `focal x 0.7`."""
+        if self.kind == "calibrated":
+            return "calibrated" if self.views is None else f"calibrated, {self.views} views"
+        return {"exif": "EXIF", "scaled": f"focal x {self.value}"}.get(self.kind, self.text)
+
+    @property
+    def phrase(self) -> str:
+        """For a sentence: `a focal length of 0.7 times the true one`."""
+        if self.kind == "scaled":
+            return (
+                "the camera's own focal length"
+                if self.is_right
+                else f"a focal length of {self.value} times the true one"
+            )
+        by_width = " (taken by width)" if self.value == "width" else ""
+        return {
+            "true": "the camera's own intrinsics",
+            "calibrated": "intrinsics calibrated from a chessboard",
+            "exif": "the focal length of the file's EXIF",
+            "default": f"the default focal length of a phone{by_width}",
+        }.get(self.kind, self.text)
