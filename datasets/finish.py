@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
 from roundel.scenes.camera.model import camera_to_json
+from roundel.scenes.markers.marker import Part
 from roundel.scenes.study.identity import SAMPLING_VERSION
 from roundel.scenes.study.study import Study
 from roundel.scenes.truth.edge_points import edge_points_of
@@ -96,36 +98,67 @@ def finish_dataset(
     DataError
         If a frame was rendered from other numbers than those that its truth would be computed from.
     """
-    rows: list[dict[str, Any]] = []
-    cameras: list[dict[str, Any]] = []
-    row_poses: list[dict[str, Any]] = []
-    points: dict[str, list[Any]] = {name: [] for name in POINTS_SCHEMA.names}
+    contents = _collect(study, dataset, entries)
+    listed = _write(dataset, entries, _files_of(study, contents))
+    manifest = _manifest(study, contents, entries, listed, environment)
+    if developed_from is not None:
+        manifest["developed_from"] = developed_from
+    files.write_file(dataset / files.MANIFEST, _json(manifest))
+
+
+@dataclass(frozen=True)
+class _Contents:
+    """What the frames of a dataset add up to: rows of the truth, cameras, poses by sensor row, points."""
+
+    rows: list[dict[str, Any]]
+    cameras: list[dict[str, Any]]
+    row_poses: list[dict[str, Any]]
+    points: dict[str, list[Any]]
+
+
+def _collect(study: Study, dataset: Path, entries: dict[int, journal.Entry]) -> _Contents:
+    """Place every frame once more and compute its truth."""
+    contents = _Contents([], [], [], {name: [] for name in POINTS_SCHEMA.names})
     for frame in frames_of(study):
         check_numbers(dataset, frame, entries.get(frame.frame_id))
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
         for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
-            row_poses += row_poses_of(frame, part)
+            contents.row_poses.extend(row_poses_of(frame, part))
             flags = ",".join(marker_flags(entry.get("flags", ()), row["visible_fraction"]))
-            rows.append({**row, **photometry.get(str(part.marker_id), {}), "flags": flags})
+            contents.rows.append({**row, **photometry.get(str(part.marker_id), {}), "flags": flags})
             if frame.settings.mode == "points" and part.radius_m is not None:
-                xy = edge_points_of(frame, part)
-                points["frame_id"] += [frame.frame_id] * len(xy)
-                points["marker_id"] += [part.marker_id] * len(xy)
-                points["x_px"] += xy[:, 0].tolist()
-                points["y_px"] += xy[:, 1].tolist()
-        cameras.append(camera_record(frame, entries.get(frame.frame_id)))
-    table = truth_table(rows)
+                _add_points(contents.points, frame, part)
+        contents.cameras.append(camera_record(frame, entries.get(frame.frame_id)))
+    return contents
+
+
+def _add_points(points: dict[str, list[Any]], frame: Frame, part: Part) -> None:
+    xy = edge_points_of(frame, part)
+    points["frame_id"] += [frame.frame_id] * len(xy)
+    points["marker_id"] += [part.marker_id] * len(xy)
+    points["x_px"] += xy[:, 0].tolist()
+    points["y_px"] += xy[:, 1].tolist()
+
+
+def _files_of(study: Study, contents: _Contents) -> dict[str, bytes]:
+    """Every file but the frames' own, the journal and the manifest."""
+    table = truth_table(contents.rows)
     written = {
         files.STUDY: study_bytes(study),
         files.TRUTH: parquet_bytes(table),
         files.TRUTH_CSV: csv_bytes(table),
-        files.CAMERAS: _json({"schema": 1, "frames": cameras}),
+        files.CAMERAS: _json({"schema": 1, "frames": contents.cameras}),
     }
-    if row_poses:
-        written[files.ROWS] = parquet_bytes(pa.Table.from_pylist(row_poses, schema=ROWS_SCHEMA))
-    if points["frame_id"]:
-        written[files.POINTS] = parquet_bytes(pa.table(points, schema=POINTS_SCHEMA))
+    if contents.row_poses:
+        written[files.ROWS] = parquet_bytes(pa.Table.from_pylist(contents.row_poses, schema=ROWS_SCHEMA))
+    if contents.points["frame_id"]:
+        written[files.POINTS] = parquet_bytes(pa.table(contents.points, schema=POINTS_SCHEMA))
+    return written
+
+
+def _write(dataset: Path, entries: dict[int, journal.Entry], written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
+    """Write these files and the sorted journal; checksums and sizes of all files of the dataset."""
     for name, data in written.items():
         files.write_file(dataset / name, data)
     journal.rewrite(dataset, entries)
@@ -134,8 +167,18 @@ def finish_dataset(
     listed[files.JOURNAL] = {"sha256": files.sha256(lines), "bytes": len(lines)}
     for entry in entries.values():
         listed.update(entry["files"])
+    return listed
+
+
+def _manifest(
+    study: Study,
+    contents: _Contents,
+    entries: dict[int, journal.Entry],
+    listed: dict[str, dict[str, Any]],
+    environment: dict[str, Any],
+) -> dict[str, Any]:
     measured = [m for i in sorted(entries) for m in entries[i]["fidelity"].values() if m]
-    manifest = {
+    return {
         "schema": 1,
         "tool": "roundel",
         "name": study.name,
@@ -150,13 +193,10 @@ def finish_dataset(
         "counts": {
             "frames": total_frames(study),
             "images": len(entries),
-            "markers": len(rows),
-            "groups": {name: sum(c["group"] == name for c in cameras) for name in study.groups},
-            "flags": count_flags(flags_of_rows(rows)),
+            "markers": len(contents.rows),
+            "groups": {name: sum(c["group"] == name for c in contents.cameras) for name in study.groups},
+            "flags": count_flags(flags_of_rows(contents.rows)),
         },
         "fidelity": summarise(measured),
         "files": dict(sorted(listed.items())),
     }
-    if developed_from is not None:
-        manifest["developed_from"] = developed_from
-    files.write_file(dataset / files.MANIFEST, _json(manifest))

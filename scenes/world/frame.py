@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation
 from roundel.scenes.markers.marker import Part, Sheet
 from roundel.scenes.study.camera_section import CameraSection, MotionSection
 from roundel.scenes.study.sampling import draw, frame_count, frames_per_level, stream
-from roundel.scenes.study.schema import GroupSection
+from roundel.scenes.study.schema import GroupSection, PoseSection
 from roundel.scenes.study.study import Study, validated
 from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
@@ -34,6 +34,10 @@ from roundel.scenes.world.sheets import sheet_of
 
 # Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
 DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
+
+
+# Makes the error of a frame: a message, then the key where it stands in the study.
+Fail = Callable[..., StudyError]
 
 
 @dataclass(frozen=True)
@@ -221,22 +225,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     def fail(message: str, *keys: str) -> StudyError:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
-    try:
-        camera = camera_of(settings.camera, settings.sensor.fill_factor)
-    except ValueError as error:
-        raise fail(f"camera: {error}", "camera") from error
-    if folds_inside_image(camera):
-        raise fail(
-            "camera.distortion: folds inside the image and has no inverse; use smaller coefficients",
-            "camera",
-            "distortion",
-        )
-    if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
-        raise fail(
-            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
-            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
-            "camera",
-        )
+    camera = _camera(settings, fail)
     # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
     noise_seed, ray_seed, sheet_seed = (
         int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
@@ -245,24 +234,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         sheet = sheet_of(settings.marker, sheet_seed)
     except ValueError as error:
         raise fail(str(error), "marker") from error
-    pose = settings.pose
-    first = sheet.parts[0]
-    if pose.distance_m is not None:
-        distance_m = pose.distance_m
-    elif first.radius_m is None or pose.distance_D is None:
-        raise fail("pose.distance_D: a board has no diameter; give distance_m", "pose", "distance_D")
-    else:
-        distance_m = pose.distance_D * 2 * first.radius_m
-    normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
-    pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
-    ray = ray_direction(camera, pixel)
-    if pose.tilt_from == "line_of_sight":
-        normal = minimal_rotation([0.0, 0.0, 1.0], ray) @ normal
-    centre_m = distance_m * ray
-    camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
-    low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
-    if not (np.all(pixel >= low) and np.all(pixel <= high)):
-        raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
+    pixel, camera_from_sheet = _place(settings.pose, camera, sheet, fail)
     try:
         motion = motion_of(settings.motion, camera.height_px, float(pixel[1]))
     except ValueError as error:
@@ -294,6 +266,51 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     return frame
 
 
+def _camera(settings: GroupSection, fail: Fail) -> Camera:
+    """The camera of a frame, refused where its lens has no inverse."""
+    try:
+        camera = camera_of(settings.camera, settings.sensor.fill_factor)
+    except ValueError as error:
+        raise fail(f"camera: {error}", "camera") from error
+    if folds_inside_image(camera):
+        raise fail(
+            "camera.distortion: folds inside the image and has no inverse; use smaller coefficients",
+            "camera",
+            "distortion",
+        )
+    if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
+        raise fail(
+            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
+            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
+            "camera",
+        )
+    return camera
+
+
+def _place(
+    pose: PoseSection, camera: Camera, sheet: Sheet, fail: Fail
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixel (2,) where the marker's centre is imaged, and pose (4, 4) of the sheet at time 0."""
+    first = sheet.parts[0]
+    if pose.distance_m is not None:
+        distance_m = pose.distance_m
+    elif first.radius_m is None or pose.distance_D is None:
+        raise fail("pose.distance_D: a board has no diameter; give distance_m", "pose", "distance_D")
+    else:
+        distance_m = pose.distance_D * 2 * first.radius_m
+    normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
+    pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
+    ray = ray_direction(camera, pixel)
+    if pose.tilt_from == "line_of_sight":
+        normal = minimal_rotation([0.0, 0.0, 1.0], ray) @ normal
+    centre_m = distance_m * ray
+    camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
+    low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
+    if not (np.all(pixel >= low) and np.all(pixel <= high)):
+        raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
+    return pixel, camera_from_sheet
+
+
 def _check_occluders(frame: Frame) -> None:
     check_occluders(frame.settings.occluders, frame.camera, frame.camera_from_sheet)
 
@@ -318,7 +335,7 @@ def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
     return np.asarray(centre + np.column_stack([flat, np.zeros(len(flat))]), dtype=np.float64)
 
 
-def _check_in_view(frame: Frame, part: Part, fail: Any) -> None:
+def _check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
     pose = frame.camera_from_part(part)
     in_sheet = part_outline_in_sheet(part, 64)
     outline = transform_points(frame.camera_from_sheet, in_sheet)
