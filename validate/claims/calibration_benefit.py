@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
+from roundel.validate.claims.conditions import ON_AXIS_DEG
 from roundel.validate.metrics.metric import HEADLINE, column
 from roundel.validate.scores.summary import levels
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 
 # A calibration is called beneficial if it reduces the median error by more than this factor.
 FACTOR = 2.0
-# Nearer to the axis than this is on it: 10 px of a phone's image.
-ON_AXIS_DEG = 0.5
 _MIN_PART = 30
 _MIN_BIN, _MAX_BINS = 14, 9
 _RESAMPLES = 1999
@@ -165,7 +164,7 @@ def _worth(
             errors[error.name][label] = values[at]
     offset = np.array([offset_deg.get(key, np.nan) for key in keys])
     variables = {name: column(first, name) for name in ("distance_D", "tilt_deg")}
-    near, far = np.flatnonzero(offset < ON_AXIS_DEG), np.flatnonzero(offset >= ON_AXIS_DEG)
+    near, far = np.flatnonzero(offset <= ON_AXIS_DEG), np.flatnonzero(offset > ON_AXIS_DEG)
     parts = {"on_axis": near, "off_axis": far}
     parts = {name: rows for name, rows in parts.items() if len(rows) >= _MIN_PART} or {"all": np.arange(len(keys))}
     panels = [_panel(p, name, variables[name], rows) for name in variables for p, rows in parts.items()]
@@ -179,7 +178,7 @@ def _worth(
 def _panel(part: str, name: str, values: Array, rows: NDArray[np.int64]) -> Panel:
     if name == "off_axis_deg":
         # All that is on the axis is one bin, however much of it there is.
-        near, far = rows[values[rows] < ON_AXIS_DEG], rows[values[rows] >= ON_AXIS_DEG]
+        near, far = rows[values[rows] <= ON_AXIS_DEG], rows[values[rows] > ON_AXIS_DEG]
         bins = [*([near] if len(near) else []), *_even(values, far)]
     else:
         grid = levels(values[rows])

@@ -13,7 +13,6 @@ from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
     FACTOR,
-    ON_AXIS_DEG,
     CalibrationBenefit,
     Panel,
     error_ratio,
@@ -21,6 +20,7 @@ from roundel.validate.claims.calibration_benefit import (
     median_of,
     verdict_of,
 )
+from roundel.validate.claims.conditions import ON_AXIS_DEG
 from roundel.validate.metrics.metric import NORMAL, Metric
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.intervals import Interval

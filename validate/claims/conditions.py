@@ -22,8 +22,8 @@ NORMAL, POSITION, RELATIVE, REPROJECTION = (
 )
 ALONG = metric.ALONG_RAY.oracle
 
-# The paper's camera looks at the centre of the marker. Nearer than this, a focal length off by 30 % turns the normal by
-# less than 0.15 degrees.
+# On the optical axis, for every section of a report. The paper's camera looks at the centre of the marker. Nearer than
+# this, a focal length off by 30 % turns the normal by less than 0.15 degrees.
 ON_AXIS_DEG = 0.25
 # Intrinsics with a focal length nearer to the true one than this are no uncalibrated case (EXIF mostly is).
 WRONG_BY = 0.05

@@ -11,13 +11,13 @@ from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.calibration_benefit import (
     BOARD,
     ERRORS,
-    ON_AXIS_DEG,
     CalibrationBenefit,
     Panel,
     level_of,
     median_of,
 )
 from roundel.validate.claims.calibration_benefit_text import title_of
+from roundel.validate.claims.conditions import ON_AXIS_DEG
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg, marker
 from roundel.validate.metrics.metric import NORMAL, Metric
 

@@ -229,8 +229,8 @@ def contour_of_ellipse_px(ellipse: ArrayLike, camera_used: Camera, count: int = 
 def _nearest_on_ellipse(points: Array, ellipse: ArrayLike) -> Array:
     """Nearest point (..., n, 2) of an ellipse (..., 5) to each of points (..., n, 2).
 
-    The ellipse is replaced by its circle of curvature at the current foot, again and again: it converges from
-    anywhere, and five steps reach 1e-9 of the axis at a ratio of axes of 10.
+    The ellipse is replaced by its circle of curvature at the current foot, again and again. Five steps reach 1e-9 of
+    the major axis from outside: at a ratio of axes up to 2 from three axes away, up to 10 from 2 % of the axis away.
     """
     e = np.asarray(ellipse, dtype=np.float64)[..., None, :]
     angle = np.radians(e[..., 4])

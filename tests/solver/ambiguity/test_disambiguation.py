@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from math import erf, sqrt
 
 import numpy as np
@@ -16,7 +17,7 @@ from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minim
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
 from roundel.solver.ambiguity.disambiguation import GreatCirclePrior, NormalPrior, check_knowledge, choose
 from roundel.solver.ambiguity.normal_prior import on_ceiling, on_floor, on_wall, previous_normal
-from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.observation import Evidence, Sighting, Verdict
 from roundel.solver.ambiguity.parse_prior import mark_of, parse_knowledge
 from roundel.solver.ambiguity.pattern_cue import Pattern
 from roundel.solver.ambiguity.vanishing_line_side import SideRule, _order
@@ -332,3 +333,24 @@ def test_marks_of_markers():
     # Half of the tick's cells lie right of the centre, in the two middle rows at least.
     assert tick.texture[127, 128 + 64 + 10] == 1.0
     assert tick.texture[127, 128 - 64 - 10] == 0.0
+
+
+class Declared(Evidence):
+    """Knowledge that is sure of one candidate to some degree."""
+
+    def __init__(self, log_odds: float) -> None:
+        self.log_odds = log_odds
+
+    def problem(self) -> str:
+        return ""
+
+    def verdict(self, sighting: Sighting) -> Verdict:
+        return Verdict(self.log_odds, "declared")
+
+
+@pytest.mark.parametrize(("probability", "contradicts"), [(0.88, False), (0.97, True)])
+def test_pieces_contradict_each_other_where_both_are_sure(probability: float, contradicts: bool) -> None:
+    odds = math.log(probability / (1 - probability))
+    normals = np.array([[0.0, 0.6, -0.8], [0.0, -0.6, -0.8]])
+    choice = choose(normals, [Declared(odds), Declared(-odds)])
+    assert ("contradict each other" in choice.basis) == contradicts

@@ -310,3 +310,30 @@ def test_the_detection_study(tmp_path):
         assert nearest(found, truth) < 0.2, i  # the smallest is 8 px across; a wrong contour is off by pixels
         best = min(found, key=lambda d: float(np.abs(d.edges.ellipse[:4] - truth[:4]).max()))
         assert best.confidence > 0.5, i
+
+
+def test_a_disc_within_a_disc_is_a_ring_only_if_it_is_concentric():
+    # A hole that is off the centre by a quarter of the outer radius is a marker of its own.
+    outer = np.array([200.0, 150.0, 100.0, 100.0, 0.0])
+    ring = detect(picture([(outer, 30.0), (np.array([200.0, 150.0, 40.0, 40.0, 0.0]), 220.0)], WIDTH, HEIGHT))
+    assert [len(d.inner) for d in ring] == [1]
+    apart = detect(picture([(outer, 30.0), (np.array([228.0, 150.0, 40.0, 40.0, 0.0]), 220.0)], WIDTH, HEIGHT))
+    assert [len(d.inner) for d in apart] == [0, 0]
+    # A small hole may be off by some tenths of a pixel more, not by pixels.
+    small = detect(picture([(outer, 30.0), (np.array([240.0, 150.0, 12.0, 12.0, 0.0]), 220.0)], WIDTH, HEIGHT))
+    assert [len(d.inner) for d in small] == [0, 0]
+
+
+def test_a_faint_disc_is_found_behind_many_things_that_are_not_circles():
+    # Stronger candidates are looked at first, and all of these come to nothing.
+    image = Image.new("L", (900, 700), 200)
+    draw = ImageDraw.Draw(image)
+    for i in range(7):
+        for j in range(5):
+            x, y = 40 + 120 * i, 40 + 130 * j
+            if (i, j) != (3, 2):
+                draw.rounded_rectangle((x, y, x + 90, y + 90), radius=30, fill=20)
+    pixels = np.asarray(image, dtype=np.float64)
+    disc = coverage([3 * 120 + 85.3, 2 * 130 + 84.6, 15.0, 14.0, 20.0], 900, 700)
+    found = detect(pixels * (1 - disc) + 160.0 * disc)
+    assert nearest(found, np.array([445.3, 344.6, 15.0, 14.0])) < 0.3

@@ -224,3 +224,13 @@ def test_the_offset_is_the_angle_of_the_line_of_sight() -> None:
     found = off_axis_deg(truth)
     assert found[4, 0] == 0.0
     assert found[5, 0] == pytest.approx(45.0)
+
+
+def test_what_is_on_the_axis() -> None:
+    # 0.2 degrees off the axis are on it, 0.7 degrees are not.
+    offset = {(int(i), 0): (0.2 if i % 2 else 0.7) for i in FRAMES}
+    runs = {"calibrated:5": everywhere(1.0), "default": everywhere(10.0)}
+    found = calibration_benefit(scores(runs), offset)
+    assert found is not None
+    assert (len(found.on_axis), len(found.off_axis)) == (N // 2, N // 2)
+    assert set(found.on_axis.tolist()) == {i for i in range(N) if i % 2}

@@ -106,3 +106,14 @@ def test_few_frames_give_no_curve() -> None:
 def test_no_sweep_gives_nothing() -> None:
     errors = {level: np.full(12, 0.02) for level in LEVELS}
     assert sweeps_of(table(LEVELS, errors), {"groups": {"main": {"sweep": None}}}) == []
+
+
+def test_a_frame_that_lacks_a_level_is_left_out() -> None:
+    """Levels are compared on the same frames: one that was not scored at every level would compare unlike sets."""
+    errors = {level: np.full(12, 0.02) for level in LEVELS}
+    # The frame that is missing at the last level is ten times better than the others elsewhere.
+    errors = {level: np.concatenate([values, np.full(12, 0.002)]) for level, values in errors.items()}
+    whole = table(LEVELS, errors)
+    keep = [not (row["sweep_level"] == 16.0 and row["sweep_frame"] >= 12) for row in whole.to_pylist()]
+    (sweep,) = sweeps_of(whole.filter(pa.array(keep)), study(LEVELS))
+    assert sweep.curves[0].median == pytest.approx(np.full(5, 2.0))

@@ -281,3 +281,35 @@ def test_a_report_carries_its_verdicts(tmp_path: Path) -> None:
     for verdict in summary.verdicts:
         assert f'aria-label="{verdict["claim"]}"' in html
         assert verdict["outcome"] in html
+
+
+@pytest.mark.parametrize(
+    ("key", "laws", "per_cell", "outcome"),
+    [
+        # A slope of 0.2 grows: more than 0.1, which is what the claim asks for.
+        ("normal-distance", changed("scaled:1", "normal", (1.1, 0.2, -1.0)), 150, HOLDS),
+        # A wrong focal length that adds 0.2 degrees matters: "does not depend" means less than 0.1.
+        (
+            "normal-focal",
+            {
+                "scaled:1": {**LAWS["scaled:1"], "normal": (0.5, 0.0, 0.0)},
+                "scaled:0.7": {**LAWS["scaled:0.7"], "normal": (0.7, 0.0, 0.0)},
+            },
+            20,
+            FALSE,
+        ),
+        # A slope of 1.1 is not linear: within 0.05 of 1 is.
+        ("position-uncalibrated", changed("scaled:0.7", "position", (4.5, 1.1, 0.0)), 20, FALSE),
+    ],
+)
+def test_the_limits_of_the_verdicts_are_those_that_are_published(
+    key: str, laws: dict, per_cell: int, outcome: str
+) -> None:
+    assert outcomes(table_of(laws, per_cell=per_cell))[key] == outcome
+
+
+def test_a_focal_length_off_by_four_percent_is_no_uncalibrated_case() -> None:
+    wrong = {"scaled:1": LAWS["scaled:1"], "scaled:0.96": LAWS["scaled:0.7"]}
+    assert verdicts_of(table_of(wrong), STUDY) == []
+    wrong = {"scaled:1": LAWS["scaled:1"], "scaled:0.94": LAWS["scaled:0.7"]}
+    assert len(verdicts_of(table_of(wrong), STUDY)) == len(CLAIMS)

@@ -119,3 +119,11 @@ def test_frames_that_are_left_out_count(dataset, tmp_path):
     missed = [row for row in scores.table.to_pylist() if not row["detected"]]
     assert {row["frame_id"] for row in missed} == {0}
     assert {row["reason"] for row in missed} == {"the estimates have no row for this frame"}
+
+
+def test_a_centre_given_as_the_second_candidate_counts(dataset, tmp_path):
+    # Neither candidate has a pose; the one that was detected is scored all the same.
+    truth = [{**row, "candidate": 1} for row in true_rows(dataset)]
+    scores = scored(dataset, tmp_path, truth, [*KEY, "candidate", *CENTRE])
+    assert all(scores.table["detected"].to_pylist())
+    assert column(scores, "oracle_centre_image_error_px").max() < 1e-9

@@ -267,3 +267,40 @@ def test_a_step_summary_stays_below_githubs_limit():
 )
 def test_a_replay_command_can_be_pasted(run, words):
     assert words in replay_command(Frame(run, 7, 0, 1.0, ""))
+
+
+ERRORS = ("oracle_pose_error_bounds", "oracle_normal_error_deg", "oracle_position_error_m", "contour_error_px")
+
+
+def grown(baseline: Baseline, factor: float, rows: slice = slice(None)) -> Baseline:
+    """The same with every error of some circles multiplied: a loss without any noise between the two sides."""
+    for name in ERRORS:
+        scale = np.ones(baseline.rows.num_rows)
+        scale[rows] = factor
+        baseline = changed(baseline, name, lambda x, scale=scale: x * scale)
+    return replace(baseline, images="fresh")
+
+
+def test_a_loss_of_one_percent_does_not_matter_and_one_of_three_does():
+    # Certain both times: the errors of the two sides differ by the factor alone.
+    assert gate(grown(scores(1), 1.01), scores(1)).passed
+    assert {"pose", "normal", "position"} <= set(worse(gate(grown(scores(1), 1.03), scores(1))))
+
+
+def test_a_rate_that_falls_by_an_eighth_of_a_percent_does_not_matter():
+    # Fifteen of 12,000, all lost on one side: certain (p = 2^-15), and below 0.2 %.
+    assert "solved" not in worse(gate(scores(1, n=12_000, lost=15), scores(1, n=12_000)))
+    assert "solved" in worse(gate(scores(1, n=12_000, lost=36), scores(1, n=12_000)))
+
+
+def test_a_group_far_from_its_bounds_does_not_hide_a_loss_in_another():
+    half = slice(N // 2, None)
+
+    def grouped(seed: int, loss: float) -> Baseline:
+        side = grown(grown(scores(seed), 30.0, half), loss, slice(0, N // 2))
+        names = ["near"] * (N // 2) + ["far"] * (N // 2)
+        at = side.rows.column_names.index("group")
+        return replace(side, rows=side.rows.set_column(at, "group", pa.array(names)), images=f"images {seed}")
+
+    assert gate(grouped(1, 1.0), grouped(2, 1.0)).passed
+    assert "pose" in worse(gate(grouped(1, 1.5), grouped(2, 1.0)))

@@ -292,3 +292,19 @@ def test_pose_error_in_bounds_of_an_efficient_method_is_one() -> None:
     # Opposite normals are half a turn apart, and no number is lost.
     assert np.isfinite(pose_error_bounds(t, -t[:3, 2], t[:3, 3], f))
     assert np.isnan(pose_error_bounds(t, t[:3, 2], t[:3, 3], np.full((5, 5), np.nan)))
+
+
+@given(
+    st.one_of(
+        st.tuples(st.floats(0.5, 1.0), st.floats(0.0, 3.0)), st.tuples(st.floats(0.1, 1.0), st.floats(0.0, 0.02))
+    ),
+    st.floats(0.0, 6.28),
+)
+def test_nearest_point_reaches_its_promised_precision(shape: tuple[float, float], turn: float) -> None:
+    ratio, depth = shape
+    # Points outside, laid off along the normal: the foot is known exactly. 1e-9 of the axis, as the docstring says.
+    ellipse = np.array([0.0, 0.0, 1.0, ratio, 0.0])
+    foot = np.array([np.cos(turn), ratio * np.sin(turn)])
+    normal = np.array([np.cos(turn), np.sin(turn) / ratio])
+    point = foot + depth * normal / np.linalg.norm(normal)
+    assert np.abs(_nearest_on_ellipse(point[None], ellipse)[0] - foot).max() < 1e-9

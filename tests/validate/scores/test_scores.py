@@ -249,3 +249,26 @@ def test_scores_survive_the_disk(dataset: Dataset, tmp_path: Path) -> None:
     table = scored(dataset, tmp_path, estimate_rows(dataset, ["true"])).table
     pq.write_table(table, tmp_path / "scores.parquet")
     assert pq.read_table(tmp_path / "scores.parquet").equals(table)
+
+
+LARGE = """\
+schema: 1
+name: large
+mode: points
+camera: {width_px: 4000, height_px: 3000, focal_px: 4000}
+marker: {kind: disc, diameter_m: 0.08}
+pose: {distance_D: 2.5, tilt_deg: 15}
+frames: 1
+"""
+
+
+def test_a_poor_match_within_the_gate_is_better_than_none(tmp_path: Path) -> None:
+    # The circle is 800 px large, so a contour 110 px off is within the gate; the other detection is far outside it.
+    dataset = make_dataset(tmp_path / "ds", LARGE)
+    near = [{**row, "ellipse_x_px": row["ellipse_x_px"] + 170.0} for row in estimate_rows(dataset, ["true"])]
+    small = {"ellipse_x_px": 300.0, "ellipse_y_px": 300.0, "ellipse_a_px": 50.0, "ellipse_b_px": 45.0}
+    far = [{**row, **small, "detection_id": 1} for row in near]
+    found = scored(dataset, tmp_path, [*near, *far])
+    assert found.table["solved"].to_pylist() == [True]
+    assert 100 < found.table["contour_error_px"].to_pylist()[0] < 150
+    assert [f.count for f in found.false_detections] == [1]
