@@ -332,7 +332,7 @@ def test_a_faint_disc_is_found_behind_many_things_that_are_not_circles():
         for j in range(5):
             x, y = 40 + 120 * i, 40 + 130 * j
             if (i, j) != (3, 2):
-                draw.rounded_rectangle((x, y, x + 90, y + 90), radius=30, fill=20)
+                draw.rounded_rectangle((x, y, x + 90, y + 90), radius=35, fill=20)
     pixels = np.asarray(image, dtype=np.float64)
     disc = coverage([3 * 120 + 85.3, 2 * 130 + 84.6, 15.0, 14.0, 20.0], 900, 700)
     found = detect(pixels * (1 - disc) + 160.0 * disc)
