@@ -6,6 +6,8 @@ import os
 import platform
 from importlib import metadata
 
+from roundel.scenes.errors import first_line
+
 _PACKAGES = (
     "mitsuba",
     "drjit",
@@ -56,7 +58,7 @@ def _render_one() -> tuple[str, str | None]:
     except RoundelError as error:
         return "", str(error)
     except (ImportError, RuntimeError, OSError) as error:
-        return "", f"the renderer does not start: {str(error).splitlines()[0]}"
+        return "", f"the renderer does not start: {first_line(error)}"
     return (
         f"{found}; variant {made['variant']}, SIMD width {made.get('simd_width', '-')}, {dr.thread_count()} threads",
         None,

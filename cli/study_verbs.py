@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 from pathlib import Path
 
 from roundel.configs.shipped import starting_point, study_names, study_path, study_summary
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import UsageError, did_you_mean
 
 
 def find_study(given: str) -> Path:
@@ -29,8 +28,7 @@ def find_study(given: str) -> Path:
 
 
 def _unknown(name: str) -> UsageError:
-    close = difflib.get_close_matches(name, study_names(), n=1)
-    hint = f"did you mean {close[0]}?" if close else "`roundel studies` lists the shipped ones"
+    hint = did_you_mean(name, study_names()) or "`roundel studies` lists the shipped ones"
     return UsageError(f"{name}: no such file, and no shipped study has this name; {hint}")
 
 

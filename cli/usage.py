@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
+
+from roundel.scenes.errors import did_you_mean
 
 _USAGE_STATUS = 2
 
@@ -57,5 +58,5 @@ class Parser(argparse.ArgumentParser):
 
 
 def _suggestion(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    hint = did_you_mean(word, known)
+    return f"; {hint}" if hint else ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from roundel.scenes.errors import RoundelError
+from roundel.scenes.errors import RoundelError, first_line
 from roundel.scenes.world.frame import Frame
 
 DEFAULT_VARIANT = "llvm_ad_mono"
@@ -126,7 +126,7 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
         try:
             mi.set_variant(variant)
         except (ImportError, RuntimeError) as error:
-            raise BackendError(f"Mitsuba cannot start {variant}: {str(error).splitlines()[0]}; {_REMEDY}") from error
+            raise BackendError(f"Mitsuba cannot start {variant}: {first_line(error)}; {_REMEDY}") from error
     if variant not in _with_ink:
         from roundel.render.scene.ink import register_ink
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -51,3 +53,20 @@ class StudyError(RoundelError):
     def __reduce__(self) -> tuple[type[StudyError], tuple[str, Path, int, int]]:
         # Pickled by its parts, not by its whole sentence: it may come from another process.
         return type(self), (self.reason, self.path, self.line, self.column)
+
+
+def did_you_mean(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The known word nearest to one that is not known, as a question; empty if none is near.
+
+    Examples
+    --------
+    >>> did_you_mean("focl_px", ["focal_px", "height_px"])
+    'did you mean focal_px?'
+    """
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=cutoff)
+    return f"did you mean {close[0]}?" if close else ""
+
+
+def first_line(error: BaseException) -> str:
+    """First line of an exception's text, or the name of its type if it has none: for one-line messages."""
+    return next(iter(str(error).splitlines()), type(error).__name__)

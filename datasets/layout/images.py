@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout import files
 from roundel.scenes.camera.model import Camera, camera_from_json
-from roundel.scenes.errors import DataError
+from roundel.scenes.camera.srgb import srgb_to_linear
+from roundel.scenes.errors import DataError, first_line
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,7 @@ class Images:
             return image, saturation
         top = float((2 ** sensor["bits"] - 1) << sensor["stored_shift"])
         level = np.arange(np.iinfo(image.dtype).max + 1) / top
-        if sensor["curve"] == "srgb":
-            # IEC 61966-2-1, the other way round.
-            linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-        else:
-            linear = level ** float(sensor["gamma"])
+        linear = srgb_to_linear(level) if sensor["curve"] == "srgb" else level ** float(sensor["gamma"])
         return np.asarray(top * linear)[image], top * float(linear[round(saturation)])
 
     def points(self, i: int) -> dict[int, NDArray[np.float64]]:
@@ -133,7 +130,7 @@ def read_image(path: str | Path) -> NDArray[Any]:
     except FileNotFoundError as error:
         raise DataError(f"{path}: this image is missing; render the dataset again") from error
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise DataError(f"{path}: this image is truncated or corrupt ({reason}); render the dataset again") from error
 
 
@@ -145,7 +142,7 @@ def _read_points(path: Path) -> dict[int, dict[int, NDArray[np.float64]]]:
         table = pq.read_table(path)
         frame_id, marker_id, x, y = (table[c].to_numpy() for c in ("frame_id", "marker_id", "x_px", "y_px"))
     except (OSError, pa.ArrowException, KeyError) as error:
-        raise DataError(f"{path}: points are missing or corrupt ({str(error).splitlines()[0]})") from error
+        raise DataError(f"{path}: points are missing or corrupt ({first_line(error)})") from error
     xy = np.stack([x, y], axis=-1)
     out: dict[int, dict[int, NDArray[np.float64]]] = {}
     # Rows of one marker stand together: cut where either id changes.

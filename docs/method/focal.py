@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from ambiguity import table
 
+from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM
 from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minimal_rotation, normal_of
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import frame_of
-from roundel.solver.intrinsics.specification import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM
 from roundel.solver.pose.circle_pose import poses_from_conic
 
 STUDY = Path(__file__).parents[2] / "configs" / "wrong_focal.yaml"

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from roundel.scenes.errors import StudyError, UsageError
+from roundel.scenes.errors import StudyError, UsageError, did_you_mean
 from roundel.scenes.study.marker_section import CIRCULAR, KINDS
 from roundel.scenes.study.study import validated
 
@@ -51,10 +51,7 @@ def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -
         If a kind or key is unknown, or a value is wrong.
     """
     if kind not in KINDS:
-        import difflib
-
-        close = difflib.get_close_matches(kind, list(KINDS), n=1)
-        hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(KINDS)}"
+        hint = did_you_mean(kind, KINDS) or f"use one of {', '.join(KINDS)}"
         raise UsageError(f"unknown kind of marker {kind!r}; {hint}")
     if diameter_m is not None and kind not in CIRCULAR:
         raise UsageError(f"a {kind} has no diameter; give its sizes by --set, as --set square_m=0.02")

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from roundel.render.sensor.data_sheet import DataSheet
 from roundel.render.sensor.demosaic import demosaic
+from roundel.scenes.camera.srgb import linear_to_srgb
 
 Array = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ def encoded(linear: ArrayLike, curve: str, gamma: float = 2.2) -> Array:
     """A linear signal in [0, 1] through a curve: `linear`, `srgb` (IEC 61966-2-1) or `gamma` (out = in^(1/gamma))."""
     signal = np.asarray(linear, dtype=np.float64)
     if curve == "srgb":
-        return np.where(signal <= 0.0031308, 12.92 * signal, 1.055 * np.maximum(signal, 0.0031308) ** (1 / 2.4) - 0.055)
+        return linear_to_srgb(signal)
     if curve == "gamma":
         return np.asarray(signal ** (1.0 / gamma), dtype=np.float64)
     return signal

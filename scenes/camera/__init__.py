@@ -1,6 +1,7 @@
 """Cameras: projection, lenses, motion and shutter, diffraction.
 
 airy: Diffraction by the aperture: the Airy pattern, truncated at a declared radius
+film: The 35 mm frame that EXIF's equivalent focal length compares with, and the default focal length of a phone
 intrinsics_label: Labels of intrinsics, such as `true` or `scaled:0.7`: what they mean, their order, and how people
     read them
 lens_fisheye: OpenCV's fisheye (Kannala and Brandt, 2006) on normalised coordinates: forward, field, and the exact
@@ -9,4 +10,5 @@ lens_opencv: OpenCV's lens model on normalised coordinates: forward with its Jac
     inverse
 model: The camera: intrinsics, the lens model and the thin lens, in float64
 motion: Motion over the exposure: constant twists, and the exposure time of each sensor row
+srgb: The sRGB curve (IEC 61966-2-1), both ways, on levels from 0 to 1
 """

@@ -6,7 +6,6 @@ refuses in one line with the place in the file.
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.scenes.errors import StudyError
+from roundel.scenes.errors import StudyError, did_you_mean
 from roundel.scenes.study.identity import study_digest
 from roundel.scenes.study.layers import deep_merge, preset, preset_names
 from roundel.scenes.study.light_map import map_sha256
@@ -128,8 +127,8 @@ def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
 
 
 def _nearest(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"; did you mean {close[0]}?" if close else (f"; known here: {', '.join(sorted(known))}" if known else "")
+    hint = did_you_mean(word, known) or (f"known here: {', '.join(sorted(known))}" if known else "")
+    return f"; {hint}" if hint else ""
 
 
 def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:

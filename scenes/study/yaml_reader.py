@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from roundel.scenes.errors import StudyError
+from roundel.scenes.errors import StudyError, first_line
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 20
@@ -130,7 +130,7 @@ def read_yaml(path: str | Path) -> tuple[Any, Marks]:
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         raise StudyError(f"not YAML: {error.problem or error.context}", path, line, column) from error
     except yaml.YAMLError as error:
-        raise StudyError(f"not YAML: {str(error).splitlines()[0]}", path) from error
+        raise StudyError(f"not YAML: {first_line(error)}", path) from error
     if node is None:
         raise StudyError("the study is empty", path)
     reader = _Reader(path)

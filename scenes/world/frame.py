@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.film import FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import (
     THIN_LENS_DEG,
     Camera,
@@ -31,10 +32,6 @@ from roundel.scenes.study.study import Study, validated
 from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
 from roundel.scenes.world.sheets import sheet_of
-
-# Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
-DIAGONAL_35MM_MM = float(np.hypot(36.0, 24.0))
-
 
 # Makes the error of a frame: a message, then the key where it stands in the study.
 Fail = Callable[..., StudyError]
@@ -120,7 +117,7 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
         raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
     # A phone writes whole millimetres, by the diagonal.
     diagonal_px = float(np.hypot(section.width_px, section.height_px))
-    written = float(max(1, round(focal_px * DIAGONAL_35MM_MM / diagonal_px)))
+    written = float(max(1, round(focal_px * FILM_DIAGONAL_MM / diagonal_px)))
     return Camera(
         width_px=section.width_px,
         height_px=section.height_px,

@@ -6,7 +6,6 @@ So the knowledge is declared, each piece of it gives odds, and without it nothin
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.ambiguity.normal_prior import GreatCirclePrior, NormalPrior
 from roundel.solver.ambiguity.observation import Evidence, Sighting
 from roundel.solver.ambiguity.vanishing_line_side import SideRule
@@ -118,7 +117,6 @@ def _pieces(knowledge: Knowledge) -> list[Evidence]:
 
 def _side_of(word: str) -> SideRule:
     if word not in KNOWLEDGE:
-        close = difflib.get_close_matches(word, KNOWLEDGE, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"use {' or '.join(KNOWLEDGE)}"
+        hint = did_you_mean(word, KNOWLEDGE) or f"use {' or '.join(KNOWLEDGE)}"
         raise UsageError(f"unknown knowledge {word!r}; {hint}")
     return SideRule(word == KNOWLEDGE[0])

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
 from roundel.solver.ambiguity.disambiguation import KNOWLEDGE, Knowledge, check_knowledge
 from roundel.solver.ambiguity.normal_prior import NormalPrior, on_ceiling, on_floor, on_wall
@@ -69,8 +68,7 @@ def _piece(text: str) -> Evidence:
             **{place: f"{place}, {place}:SPREAD_DEG or {place}:GX,GY,GZ:SPREAD_DEG" for place in _PLACES},
         }.get(name, name)
         raise UsageError(f"--knowledge {text}: write {form}")
-    close = difflib.get_close_matches(name, _WORDS, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(_WORDS)}"
+    hint = did_you_mean(name, _WORDS) or f"use one of {', '.join(_WORDS)}"
     raise UsageError(f"--knowledge {text}: unknown; {hint}")
 
 

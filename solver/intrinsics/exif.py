@@ -11,10 +11,11 @@ import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from roundel.scenes.camera.film import FILM_DIAGONAL_MM
+
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 # Between the focal length that a maker states and that of a photograph: focus alone lengthens a 5 mm lens by 1.7 % at
 # 0.3 m (v = f u / (u - f)), stabilisation and in-camera correction crop by as much. OpenSfM takes 1 % (its

@@ -6,7 +6,6 @@ section 4). What is assumed says how firmly and on what ground: `solver.assumed_
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from dataclasses import dataclass, replace
@@ -15,13 +14,12 @@ from typing import Literal
 
 import numpy as np
 
+from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
-from roundel.scenes.errors import DataError, UsageError
-from roundel.solver.intrinsics.exif import FILM_DIAGONAL_MM, ExifFocal, ExifTags, NoFocal, focal_of_exif
+from roundel.scenes.errors import DataError, UsageError, did_you_mean
+from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif
 from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
 
-DEFAULT_FOCAL_35MM_MM = 29.95
-DEFAULT_FOCAL_35MM_SIGMA_MM = 3.444  # 11.5 %
 FILM_WIDTH_MM = 36.0
 
 # Of each coordinate of a principal point that is taken to be the centre, as a fraction of the longer side. OpenSfM's
@@ -117,8 +115,7 @@ def parse_intrinsics(text: str) -> Intrinsics:
         return Intrinsics("default", "default")
     if name == "exif" and not colon:
         return Intrinsics("exif", "exif")
-    close = difflib.get_close_matches(text, _FORMS, n=1, cutoff=0.5)
-    hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(_FORMS)}"
+    hint = did_you_mean(text, _FORMS, cutoff=0.5) or f"use one of {', '.join(_FORMS)}"
     raise UsageError(f"--intrinsics {text}: unknown; {hint}")
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.errors import first_line
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.geometry.pose import camera_from_marker_of
 
@@ -137,7 +138,7 @@ def _numbers(name: str, value: ArrayLike, count: int) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"its {name} is not {count} numbers: {_first_line(error)}") from error
+        raise ValueError(f"its {name} is not {count} numbers: {first_line(error)}") from error
     if array.shape != (count,):
         raise ValueError(f"its {name} has shape {array.shape}, not ({count},)")
     if not np.all(np.isfinite(array)):
@@ -149,7 +150,7 @@ def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | 
     try:
         pairs = [(_numbers("normal", n, 3), _numbers("centre_m", c, 3)) for n, c in found.poses]
     except TypeError as error:
-        raise ValueError(f"its poses are not pairs (normal, centre_m): {_first_line(error)}") from error
+        raise ValueError(f"its poses are not pairs (normal, centre_m): {first_line(error)}") from error
     if len(pairs) > 2:
         raise ValueError(f"it has {len(pairs)} poses; a circle has two at most")
     if found.chosen is not None and found.chosen not in range(len(pairs)):
@@ -184,7 +185,3 @@ def semi_axis_px(normal: Array, centre_m: Array, diameter_m: float, camera: Came
         return float(ellipse_of_conic(conic_of_circle(pose, diameter_m / 2, camera.K))[2])
     except ValueError:
         return float("inf")
-
-
-def _first_line(error: BaseException) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)

@@ -8,14 +8,13 @@ A package adds one by an entry point; nothing of it is imported before it is ask
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
 
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate
 from roundel.solver.fit.ellipse import EllipseFit
@@ -92,8 +91,7 @@ def finder_of(name: str) -> Finder | None:
     # A package cannot take a name that Roundel has.
     offered = [m for m in installed_methods() if m.name == name and (name not in _FINDERS or m.source == "roundel")]
     if not offered:
-        close = difflib.get_close_matches(name, _names(), n=1)
-        hint = f"did you mean {close[0]}?" if close else f"use {', '.join(_names())}"
+        hint = did_you_mean(name, _names()) or f"use {', '.join(_names())}"
         raise UsageError(f"unknown method {name!r}; {hint}")
     if len(offered) > 1:
         sources = " and ".join(m.source for m in offered)

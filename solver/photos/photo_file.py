@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.srgb import linear_to_srgb, srgb_to_linear
 from roundel.scenes.errors import DataError
 from roundel.solver.intrinsics.exif import ExifTags, read_exif
 
@@ -246,19 +247,14 @@ def _photo(pixels: NDArray[Any], exif: ExifTags, linear: bool) -> Photo:
     pixels = _on_white(pixels)
     top = int(np.iinfo(pixels.dtype).max)
     level = np.arange(top + 1) / top
-    light = top * (level if linear else _light_of_srgb(level))
+    light = top * (level if linear else srgb_to_linear(level))
     shown = pixels if top == 255 else (pixels >> 8).astype(np.uint8)
     picture = np.repeat(shown[..., None], 3, axis=2) if shown.ndim == 2 else shown
     return Photo(_grey(pixels, light), float(top), np.ascontiguousarray(picture), exif)
 
 
-def _light_of_srgb(level: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)
-
-
 def _encoded(light: NDArray[Any]) -> NDArray[np.uint8]:
-    srgb = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * srgb), dtype=np.uint8)
+    return np.asarray(np.rint(255 * linear_to_srgb(light)), dtype=np.uint8)
 
 
 def _on_white(pixels: NDArray[Any]) -> NDArray[Any]:

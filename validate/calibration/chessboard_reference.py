@@ -25,10 +25,9 @@ from roundel.validate.metrics.ground_truth import (
     rows_of_kind,
 )
 from roundel.validate.scores.scores import Candidates, score_rows
+from roundel.validate.scores.summary import CHESSBOARD
 
 Array = NDArray[np.float64]
-
-METHOD = "chessboard_pnp"
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def reference_of(
     found = np.isfinite(placed).all(axis=(1, 2))
     candidates = _candidates(found, placed, circles.camera, cameras, camera)
     reason = ["" if there else "the chessboard was not found" for there in found.tolist()]
-    circle_rows = score_rows(circles, candidates, reason, METHOD, label, "truth")
+    circle_rows = score_rows(circles, candidates, reason, CHESSBOARD, label, "truth")
     return Reference(rows, board_targets(circles, placed, camera), circle_rows)
 
 
@@ -147,7 +146,7 @@ def _rows(
     )
     candidates = _candidates(found, pose, frame_camera, cameras, camera)
     reason = ["" if there else "the chessboard was not found" for there in found.tolist()]
-    return score_rows(targets, candidates, reason, METHOD, label, "truth")
+    return score_rows(targets, candidates, reason, CHESSBOARD, label, "truth")
 
 
 def _half_size_m(layout: BoardLayout | None) -> float:

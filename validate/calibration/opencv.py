@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout.images import Images
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json, project
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.scenes.study.schema import MIN_CALIBRATION_VIEWS
 from roundel.validate.calibration.chessboard import BoardLayout, board_points_m, detect_corners, layout_of
 
@@ -227,7 +227,7 @@ def read_camera(path: str | Path) -> Camera:
     except FileNotFoundError as error:
         raise UsageError(f"{path}: no such camera file; make one with `roundel calibrate`") from error
     except (OSError, ValueError) as error:
-        raise DataError(f"{path}: not a camera file: {str(error).splitlines()[0]}") from error
+        raise DataError(f"{path}: not a camera file: {first_line(error)}") from error
     if not isinstance(record, dict):
         raise DataError(f"{path}: not a camera file: it needs width_px, height_px and K")
     return camera_from_json(record)

@@ -13,10 +13,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.claims.conditions import ON_AXIS_DEG
 from roundel.validate.metrics.metric import HEADLINE, column
-from roundel.validate.scores.summary import levels
+from roundel.validate.scores.summary import CHESSBOARD, levels
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
 
 Array = NDArray[np.float64]

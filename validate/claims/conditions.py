@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import column
-from roundel.validate.scores.summary import levels
+from roundel.validate.scores.summary import CHESSBOARD, levels
 from roundel.validate.statistics.trends import Array, Index, Mask
 
 NORMAL, POSITION, RELATIVE, REPROJECTION = (
@@ -27,8 +27,6 @@ ALONG = metric.ALONG_RAY.oracle
 ON_AXIS_DEG = 0.25
 # Intrinsics with a focal length nearer to the true one than this are no uncalibrated case (EXIF mostly is).
 WRONG_BY = 0.05
-# The paper's default focal length (its section IV-C), by the diagonal.
-_DEFAULT_F35_MM, _DIAGONAL_MM = 29.95, math.hypot(36.0, 24.0)
 _MAX_LEVELS, _BINS = 12, 5
 
 
@@ -165,7 +163,7 @@ def _lens(section: dict[str, Any] | None) -> _Lens | None:
     cx, cy = (
         float(c) if isinstance(c, (int, float)) else (n - 1) / 2 for c, n in zip(centre, (width, height), strict=True)
     )
-    default = _DEFAULT_F35_MM / _DIAGONAL_MM * math.hypot(width, height)
+    default = DEFAULT_FOCAL_35MM_MM / FILM_DIAGONAL_MM * math.hypot(width, height)
     aspect = camera.get("aspect")
     ratio = float(aspect) if isinstance(aspect, (int, float)) else 1.0
     centred = math.hypot(cx - (width - 1) / 2, cy - (height - 1) / 2) < 1e-9

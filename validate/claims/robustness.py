@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import NORMAL, column
-from roundel.validate.scores.summary import run_keys, select
+from roundel.validate.scores.summary import CHESSBOARD, run_keys, select
 from roundel.validate.statistics.intervals import wilson_interval
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
         return []
     found = []
     group = np.array(table["group"].to_pylist(), dtype=object)
-    keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != "chessboard_pnp"]
+    keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != CHESSBOARD]
     keys.sort(key=lambda key: (key[0], not IntrinsicsLabel.of(key[1]).is_right))
     for name, section in (study.get("groups") or {}).items():
         swept = section.get("sweep")

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.solver.estimates import ESTIMATES, METADATA, SCHEMA
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
 
@@ -88,7 +88,7 @@ def read_estimates(path: str | Path) -> pa.Table:
         try:
             columns.append(table[field.name].cast(field.type))
         except (pa.ArrowException, ValueError) as error:
-            raise UsageError(f"{file}: column {field.name} is not {field.type}: {_said(error)}") from error
+            raise UsageError(f"{file}: column {field.name} is not {field.type}: {first_line(error)}") from error
     whole = pa.table(dict(zip(SCHEMA.names, columns, strict=True)))
     return _filled(whole, set(table.column_names), file.stem).replace_schema_metadata(table.schema.metadata)
 
@@ -101,10 +101,6 @@ def dataset_of(table: pa.Table) -> str | None:
         return None
 
 
-def _said(error: BaseException) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)
-
-
 def _read_parquet(file: Path, data: bytes) -> pa.Table:
     try:
         # From memory: a path would be searched for partitions (`run=3/estimates.parquet` gets a column).
@@ -112,7 +108,9 @@ def _read_parquet(file: Path, data: bytes) -> pa.Table:
         table.validate(full=True)
         return table
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(f"{file}: a damaged Parquet file, or one cut short: {_said(error)}; write it anew") from error
+        raise DataError(
+            f"{file}: a damaged Parquet file, or one cut short: {first_line(error)}; write it anew"
+        ) from error
 
 
 def _read_csv(file: Path, data: bytes) -> pa.Table:
@@ -136,7 +134,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
             ),
         )
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise UsageError(f"{file}: not a CSV file of estimates: {_said(error)}") from error
+        raise UsageError(f"{file}: not a CSV file of estimates: {first_line(error)}") from error
     if "distortion" in table.column_names:
         try:
             lists = [[float(number) for number in (text or "").split()] for text in table["distortion"].to_pylist()]

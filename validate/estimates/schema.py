@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.estimates import SCHEMA
 
 KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
@@ -90,9 +89,9 @@ def check_columns(file: Path, names: Sequence[str]) -> None:
         raise UsageError(f"{file}: column {twice[0]!r} stands twice; keep one of them")
     absent = [name for name in SCHEMA.names if name not in names]
     for name in names:
-        close = [] if name in SCHEMA.names else difflib.get_close_matches(name.lower(), absent, n=1, cutoff=0.85)
-        if close:
-            raise UsageError(f"{file}: unknown column {name!r}; did you mean {close[0]}?")
+        hint = "" if name in SCHEMA.names else did_you_mean(name.lower(), absent, cutoff=0.85)
+        if hint:
+            raise UsageError(f"{file}: unknown column {name!r}; {hint}")
     groups = {"pose": (*NORMAL, *CENTRE), "ellipse": ELLIPSE, "centre": CENTRE_IMAGE}
     needed = list(REQUIRED)
     for group in (*groups.values(), COLUMNS[4].names):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
 from roundel.validate.metrics.metric import PAPER, Metric, column
-from roundel.validate.scores.summary import grid_of
+from roundel.validate.scores.summary import CHESSBOARD, grid_of
 from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
     several = len({key[2] for key in keys}) > 1
     for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
         rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
-        if method == "chessboard_pnp" or not np.isfinite(column(table, PAPER[0].oracle)[rows]).any():
+        if method == CHESSBOARD or not np.isfinite(column(table, PAPER[0].oracle)[rows]).any():
             continue
         part = table.filter(pa.array(rows))
         name, folded = name_of(method, reference, group), reference != "truth"

@@ -14,10 +14,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
-from roundel.validate.scores.summary import select
+from roundel.validate.scores.comparisons import shared_rows
+from roundel.validate.scores.summary import CHESSBOARD, select
 from roundel.validate.statistics.intervals import holm
 from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
 from roundel.validate.tables.table import NAME_LIMIT, Cell, Column, Table, clean
@@ -100,7 +100,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
     errors: list[list[Any]] = []
     solved: list[list[Any]] = []
     for pair in pairs:
-        a, b = shared(pair.first.rows, pair.second.rows)
+        a, b = shared_rows(pair.first.rows, pair.second.rows)
         if a.num_rows >= MIN_SHARED:
             solved.append(_solved(pair, a, b))
             errors += [row for error in ERRORS if (row := _compared(pair, a, b, error)) is not None]
@@ -144,15 +144,6 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
         "Circles that both were to find. p: McNemar's exact test, two-sided, Holm over this table.",
     )
     return [table for table in (ratio, lost) if table.rows]
-
-
-def shared(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
-    """The rows of two runs that are of the same circle of the same frame, in one order."""
-    keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
-    where = [{key: i for i, key in enumerate(k)} for k in keys]
-    both = sorted(where[0].keys() & where[1].keys())
-    first, second = (pa.array([w[key] for key in both], pa.int64()) for w in where)
-    return a.take(first), b.take(second)
 
 
 def _compared(pair: Pair, a: pa.Table, b: pa.Table, error: Metric) -> list[Any] | None:

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from roundel.datasets.layout.files import write_file
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.validate.gate.checks import MIN_CIRCLES
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
 
@@ -79,7 +79,7 @@ def baseline_of_report(report: str | Path) -> Baseline:
         version, roundel = int(facts["metric_version"]), str(facts["versions"]["validate"]["roundel"])
         rows = baseline_of_scores(table)
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise DataError(
             f"{folder}: not a report that a gate can read ({reason}); validate the dataset again"
         ) from error
@@ -147,7 +147,7 @@ def read_baseline(path: str | Path) -> Baseline:
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
         return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = first_line(error)
         raise DataError(f"{file}: not a baseline, or a damaged one ({reason})") from error
 
 

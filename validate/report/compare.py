@@ -16,7 +16,6 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.layout.files import check_no_dataset, sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.figures.side_by_side import (
     ERRORS,
     NO_DIFFERENCE,
@@ -29,7 +28,7 @@ from roundel.validate.figures.side_by_side import (
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary
 from roundel.validate.scores.scores import KEY
-from roundel.validate.scores.summary import SCHEMA, Summary, versions
+from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
 from roundel.validate.tables.table import NAME_LIMIT, Table, clean
 from roundel.validate.tables.writers import write_tables

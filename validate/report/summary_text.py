@@ -6,22 +6,17 @@ import shlex
 from typing import Any
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
-from roundel.validate.scores.summary import Summary, detected_without_pose, number
+from roundel.validate.scores.summary import CHESSBOARD, Summary, detected_without_pose, main_key, number
 
 Run = dict[str, Any]
 
 
 def main_run(summary: Summary) -> Run:
-    """The run that the report leads with: the study's first method, against the truth, with the true focal length."""
-    asked = (summary.settings.get("solve") or {}).get("methods", [])
-    runs = [r for r in summary.runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
-
-    def rank(run: Run) -> tuple[int, str, bool]:
-        place = asked.index(run["method"]) if run["method"] in asked else len(asked)
-        return place, run["method"], not IntrinsicsLabel.of(run["intrinsics"]).is_right
-
-    return min(runs, key=rank)
+    """The run that a report leads with, see `main_key`."""
+    runs = {(r["method"], r["intrinsics"], r["reference"]): r for r in summary.runs}
+    main = main_key(list(runs), (summary.settings.get("solve") or {}).get("methods", []))
+    assert main is not None, "a report scores at least one run against the truth"
+    return runs[main]
 
 
 def _errors(run: Run) -> str:

@@ -51,7 +51,7 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
     for key, table in tables.items():
         if key == main or key[2] != main[2]:
             continue
-        ours, theirs = _shared(tables[main], table)
+        ours, theirs = shared_rows(tables[main], table)
         for metric in COMPARED:
             found = _compared(ours, theirs, metric)
             if found is not None:
@@ -67,7 +67,7 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
     return out
 
 
-def _shared(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
+def shared_rows(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
     """The rows of the same circles, in one order."""
     keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
     where = {key: i for i, key in enumerate(keys[1])}

@@ -101,7 +101,7 @@ def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
     """(method, intrinsics, reference) of a table of scores, in the order in which they are shown."""
     found = set(zip(*(table[name].to_pylist() for name in ("method", "intrinsics", "reference")), strict=True))
     # The truth first; the chessboard's own pose last.
-    return sorted(found, key=lambda k: (k[0] == "chessboard_pnp", k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
+    return sorted(found, key=lambda k: (k[0] == CHESSBOARD, k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
 
 
 def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:

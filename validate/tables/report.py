@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 from roundel.datasets.fidelity.summary import fidelity_lines
-from roundel.validate.calibration.chessboard_reference import METHOD as CHESSBOARD
 from roundel.validate.metrics.metric import (
     ALONG_RAY,
     CENTRE_IMAGE,
@@ -19,7 +18,7 @@ from roundel.validate.metrics.metric import (
     REPROJECTION,
     Metric,
 )
-from roundel.validate.scores.summary import Summary, detected_without_pose
+from roundel.validate.scores.summary import CHESSBOARD, Summary, detected_without_pose
 from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import benefit_table
 from roundel.validate.tables.statistics import statistics_tables

@@ -1,0 +1,12 @@
+"""The 35 mm frame that EXIF's equivalent focal length compares with, and the default focal length of a phone."""
+
+from __future__ import annotations
+
+import math
+
+# Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
+FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+
+# Mean and standard deviation of phones' 35 mm equivalent focal lengths (the paper's section IV-C; errata, section 4).
+DEFAULT_FOCAL_35MM_MM = 29.95
+DEFAULT_FOCAL_35MM_SIGMA_MM = 3.444  # 11.5 %
