@@ -15,12 +15,12 @@ from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minim
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
 from roundel.solver.ambiguity.disambiguation import NormalPrior, choose
 from roundel.solver.ambiguity.normal_prior import on_floor, on_wall
-from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.observation import Observation
 from roundel.solver.ambiguity.pattern_cue import pattern_of
 from roundel.solver.fit.edges import edge_points
 from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, fit_ellipse, shape_of_ellipse
 from roundel.solver.fit.ellipse_distance import foot_points
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 Array = NDArray[np.float64]
@@ -62,16 +62,16 @@ def cases(kind: str, count: int) -> Iterator[tuple[float, bool]]:
             yield one
 
 
-def _cameras(generator: np.random.Generator, assumed: bool) -> tuple[Array, AssumedCamera]:
+def _cameras(generator: np.random.Generator, uncertain: bool) -> tuple[Array, UncertainCamera]:
     """The true K, and the camera that is believed."""
     guess = np.array([[FOCAL_PX, 0, (WIDTH - 1) / 2], [0, FOCAL_PX, (HEIGHT - 1) / 2], [0, 0, 1]])
     true = guess.copy()
-    if not assumed:
-        return true, AssumedCamera(Camera(WIDTH, HEIGHT, guess))
+    if not uncertain:
+        return true, UncertainCamera(Camera(WIDTH, HEIGHT, guess))
     # The truth scatters about the guess, as the declaration says.
     true[:2, :2] *= max(0.5, 1.0 + FOCAL_SIGMA * generator.standard_normal())
     true[:2, 2] += PRINCIPAL_SIGMA_PX * generator.standard_normal(2)
-    return true, AssumedCamera(Camera(WIDTH, HEIGHT, guess), FOCAL_SIGMA, PRINCIPAL_SIGMA_PX)
+    return true, UncertainCamera(Camera(WIDTH, HEIGHT, guess), FOCAL_SIGMA, PRINCIPAL_SIGMA_PX)
 
 
 def _centre(
@@ -135,7 +135,7 @@ def _nearer(candidates: Array, normal: Array) -> int:
 
 
 def _case(generator: np.random.Generator, kind: str) -> tuple[float, bool] | None:
-    k, assumed = _cameras(generator, kind.endswith("_default"))
+    k, uncertain = _cameras(generator, kind.endswith("_default"))
     normal, knowledge = _knowledge(generator, kind)
     centre = _centre(generator, k, reach_px=80.0 if "near_the_axis" in kind else None)
     if not _visible(normal, centre):
@@ -146,11 +146,11 @@ def _case(generator: np.random.Generator, kind: str) -> tuple[float, bool] | Non
     if theta[2] * theta[4] <= theta[3] ** 2:
         return None
     ellipse = ellipse_of_shape(theta)
-    poses = poses_from_ellipse(ellipse, assumed.camera.K, RADIUS_M)
+    poses = poses_from_ellipse(ellipse, uncertain.camera.K, RADIUS_M)
     pieces = [] if knowledge is None else [knowledge]
     if "side" in kind:
         pieces.append(_side(normal, centre, k))
-    choice = choose(Sighting(poses.normal, None, ellipse, cov, assumed), pieces)
+    choice = choose(Observation(poses.normal, None, ellipse, cov, uncertain), pieces)
     return choice.probability[0], _nearer(poses.normal, normal) == 0
 
 
@@ -170,7 +170,7 @@ def _shape_cov(ellipse: Array, sigma_px: float) -> Array:
 
 def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] | None:
     """A small image with a print inside the marker, measured as the solver does."""
-    k, assumed = _cameras(generator, kind.endswith("_default"))
+    k, uncertain = _cameras(generator, kind.endswith("_default"))
     far = "_far" in kind
     # A mark declares nothing of the normal: all directions are alike, and what is seen of them is left to the image.
     normal = normal_of(np.degrees(np.arccos(generator.uniform(0, 1))), generator.uniform(-180, 180))
@@ -207,12 +207,12 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
     if isinstance(fit, FailedFit):
         return None
     # The crop has its own pixel coordinates: camera and ellipse are moved there.
-    k_crop = assumed.camera.K.copy()
+    k_crop = uncertain.camera.K.copy()
     k_crop[:2, 2] -= corner
-    crop = AssumedCamera(Camera(size, size, k_crop), assumed.focal_sigma, assumed.principal_sigma_px)
+    crop = UncertainCamera(Camera(size, size, k_crop), uncertain.focal_sigma, uncertain.principal_sigma_px)
     poses = poses_from_ellipse(fit.ellipse, k_crop, RADIUS_M)
-    sighting = Sighting(poses.normal, None, fit.ellipse, fit.shape_cov, crop, image, around.blur_px)
-    choice = choose(sighting, mark)
+    observation = Observation(poses.normal, None, fit.ellipse, fit.shape_cov, crop, image, around.blur_px)
+    choice = choose(observation, mark)
     return choice.probability[0], _nearer(poses.normal, normal) == 0
 
 

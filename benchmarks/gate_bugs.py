@@ -22,8 +22,9 @@ import pyarrow.parquet as pq
 from roundel.cli.main import main as roundel
 from roundel.solver.estimates import ESTIMATES, Estimate
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
-from roundel.solver.methods import solve
-from roundel.solver.methods.roundel_fits import Seen
+from roundel.solver.methods import solve_image
+from roundel.solver.methods.roundel_fits import Detections
+from roundel.solver.methods.solve import solve_dataset
 from roundel.validate.gate.baseline import Baseline, baseline_of_report, write_baseline
 
 Fit = EllipseFit | FailedFit
@@ -45,10 +46,10 @@ class Memory:
         self.order = sorted(self.frames)
         self.next = 0
 
-    def look_at(self, grey: Any, full_scale_dn: float) -> Seen:
+    def detect_circles(self, grey: Any, full_scale_dn: float) -> Detections:
         frame = self.order[self.next % len(self.order)]
         self.next += 1
-        return Seen(grey, full_scale_dn, self.frames[frame])
+        return Detections(grey, full_scale_dn, self.frames[frame])
 
 
 def _moved(dx: float = 0.0, dy: float = 0.0, turn_deg: float = 0.0) -> Callable[[Fit, int], Fit]:
@@ -90,18 +91,18 @@ def planted(memory: Memory, name: str) -> Iterator[None]:
     on_fit, on_estimate = BUGS[name]
     count = iter(range(10**9))
 
-    def fit(seen: Seen, detection: Any, *_: Any) -> Fit:
+    def fit(seen: Detections, detection: Any, *_: Any) -> Fit:
         return on_fit(detection.fit, next(count)) if on_fit else detection.fit
 
     def estimate(*arguments: Any) -> Estimate:
         made = original(*arguments)
         return on_estimate(made) if on_estimate else made
 
-    original = solve.estimate_of
+    original = solve_image.estimate_of
     with (
-        mock.patch.object(solve, "look_at", memory.look_at),
-        mock.patch.object(solve, "fit_detection", fit),
-        mock.patch.object(solve, "estimate_of", estimate),
+        mock.patch.object(solve_image, "detect_circles", memory.detect_circles),
+        mock.patch.object(solve_image, "fit_detection", fit),
+        mock.patch.object(solve_image, "estimate_of", estimate),
     ):
         yield
 
@@ -127,7 +128,7 @@ def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str
     """
     clean = folder / "clean"
     if not (clean / ESTIMATES).is_file():
-        solve.solve_dataset(dataset, clean)
+        solve_dataset(dataset, clean)
     memory = Memory(pq.read_table(clean / ESTIMATES))
     same, other = folder / "same.parquet", folder / "fresh.parquet"
     for i, name in enumerate(BUGS):
@@ -136,7 +137,7 @@ def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str
             estimates = clean
         else:
             with planted(memory, name):
-                solve.solve_dataset(dataset, estimates)
+                solve_dataset(dataset, estimates)
         code, lines = said("validate", str(dataset), str(estimates), "--out", str(report))
         assert code == 0, lines
         if name == "none":

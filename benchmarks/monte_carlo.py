@@ -6,7 +6,7 @@ Points lie evenly along the contour (random phase), with isotropic Gaussian nois
 truth by Gauss-Newton for all runs at once; `--fit one` calls `fit_ellipse` for each (the same minimum:
 tests/solver/fit/test_monte_carlo.py). Of the two candidates the nearer one is judged. Regions: sigma comes from the
 residuals, so quantiles are those of F with n - 5 degrees of freedom; the normal's is decided in q
-(`solver.pose.pose_region`).
+(`solver.theory.pose_region`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from roundel.scenes.geometry.information import contour_information, pose_bound
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
 from roundel.solver.fit.ellipse import ellipse_of_shape, fit_ellipse, shape_of_ellipse
 from roundel.solver.pose.pose_covariance import poses_with_covariance
-from roundel.solver.pose.pose_region import quantile, squared_distances
+from roundel.solver.theory.pose_region import quantile, squared_distances
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import open_dataset
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.fit.image_levels import grey_levels
-from roundel.solver.methods.roundel_fits import METHODS, fit_detection, look_at
+from roundel.solver.methods.roundel_fits import METHODS, detect_circles, fit_detection
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -86,7 +86,7 @@ def simittag_ellipses(grey: Grey, k: Array) -> list[OpenCVEllipse]:
 def roundel(method: str) -> Callable[[Any, Any], list[OpenCVEllipse]]:
     def ellipses(image: Any, camera: Any) -> list[OpenCVEllipse]:
         grey, full_scale_dn = grey_levels(image)
-        seen = look_at(grey, full_scale_dn)
+        seen = detect_circles(grey, full_scale_dn)
         fits = (fit_detection(seen, d, camera, method) for d in seen.detections)
         return [opencv_ellipse(fit.ellipse) for fit in fits if fit]
 

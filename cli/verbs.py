@@ -43,12 +43,12 @@ def _study(path: str) -> Any:
     from roundel.scenes.study.study import load_study
     from roundel.solver.ambiguity.parse_prior import parse_knowledge
     from roundel.solver.intrinsics.specification import parse_intrinsics
-    from roundel.solver.methods.registry import check_methods
+    from roundel.solver.methods.registry import load_methods
 
     path = str(find_study(path))
     study = load_study(path)
     try:
-        check_methods(study.solve.methods)
+        load_methods(study.solve.methods)
         parse_knowledge(study.solve.knowledge)
         for label in study.solve.intrinsics:
             if not _is_of_study(label):
@@ -181,7 +181,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
             frames=arguments.frames,
             knowledge=_knowledge(arguments.knowledge or wanted.get("knowledge")),
             progress=show,
-            complain=_warn,
+            on_warning=_warn,
         )
     print(f"{arguments.out}: {_counted(counts)}")
     return 0
@@ -251,7 +251,7 @@ def do_run(arguments: argparse.Namespace) -> int:
             groups=study.solve.groups,
             knowledge=_knowledge(study.solve.knowledge),
             progress=show,
-            complain=_warn,
+            on_warning=_warn,
         )
     with progress("chessboards") as show:
         summary = validate_dataset(

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout.files import write_file
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.geometry.conic import Ellipse
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,15 @@ SCHEMA = pa.schema(
 )
 
 
+class EstimateKey(NamedTuple):
+    """What tells one estimate from another; the first fields of `Estimate`."""
+
+    frame_id: int
+    detection_id: int
+    method: str
+    intrinsics: str
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """What one method with one kind of intrinsics makes of one detection.
@@ -70,8 +80,8 @@ class Estimate:
     method, intrinsics : str
     status : str
         `ok` or `failed`; then `reason` says why, and what is unknown is None.
-    ellipse : (5,) array or None
-        x_px, y_px, a_px, b_px, angle_deg in undistorted pixel coordinates of `camera`.
+    ellipse : Ellipse or None
+        In undistorted pixel coordinates of `camera`.
     camera : Camera or None
         The intrinsics that were used.
     normal, centre_m : (2, 3) array or None
@@ -103,7 +113,7 @@ class Estimate:
     intrinsics: str
     status: str
     reason: str = ""
-    ellipse: Array | None = None
+    ellipse: Ellipse | None = None
     camera: Camera | None = None
     normal: Array | None = None
     centre_m: Array | None = None
@@ -151,7 +161,7 @@ class Estimate:
         if self.normal is not None and self.centre_m is not None:
             row |= zip(_POSE, (*self.normal[candidate].tolist(), *self.centre_m[candidate].tolist()), strict=True)
         if self.ellipse is not None:
-            row |= zip(_ELLIPSE, self.ellipse.tolist(), strict=True)
+            row |= zip(_ELLIPSE, self.ellipse, strict=True)
         if self.centre_image is not None:
             row |= zip(_CENTRE_IMAGE, self.centre_image.tolist(), strict=True)
         if self.camera is not None:

@@ -80,13 +80,15 @@ class Images:
             )
         return image
 
-    def linear_image(self, i: int) -> tuple[NDArray[Any], float | None]:
+    def linear_image(self, i: int, delivered: NDArray[Any] | None = None) -> tuple[NDArray[Any], float | None]:
         """The image with its sensor's curve undone, in the file's range, and the level at which its pixels saturate.
 
         An edge is a step of light. Behind a curve its middle is not the mean of its sides, and a circle found there is
-        some tenths of a pixel too large or too small. The level is None where no sensor is recorded.
+        some tenths of a pixel too large or too small. The level is None where no sensor is recorded. `delivered`:
+        what `image(i)` returned, if it was read already.
         """
-        image, sensor = self.image(i), self.records[i].get("sensor")
+        image = self.image(i) if delivered is None else delivered
+        sensor = self.records[i].get("sensor")
         if sensor is None:
             return image, None
         saturation = float(sensor["saturation_dn"])

@@ -1,12 +1,12 @@
 """Conics: the image of a circle, its ellipse, the image of its centre, and the second pose.
 
 A conic is a symmetric 3x3 matrix C with x^T C x = 0 in undistorted pixel coordinates, of unit Frobenius norm,
-positive inside. An ellipse is (x_px, y_px, a_px, b_px, angle_deg): semi-axes a >= b, angle from +x toward +y.
+positive inside. An ellipse is an `Ellipse`; arrays (..., 5) of many hold its fields in their order.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,15 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Ellipse:
-    """An ellipse in pixels: centre, semi-axes a >= b, angle of the major axis from +x toward +y in [0, 180)."""
+class Ellipse(NamedTuple):
+    """An ellipse in pixels: centre, semi-axes a >= b, angle of the major axis from +x toward +y in [0, 180) degrees.
+
+    `np.asarray` makes a (5,) array of it, which every function that takes an ellipse does itself.
+    """
 
     x_px: float
     y_px: float
     a_px: float
     b_px: float
     angle_deg: float
+
+    @classmethod
+    def from_array(cls, values: ArrayLike) -> Ellipse:
+        """The record of a (5,) array."""
+        return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
 def _unit_positive_inside(conic: Array) -> Array:

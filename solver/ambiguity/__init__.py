@@ -1,13 +1,13 @@
 """Which of the two poses: declared knowledge and cues to probabilities.
 
-concentric_circle: A circle about the marker's centre as evidence: a centre dot, the inner edge of a ring
-disambiguation: Which of the two poses is the true one: only what is known from elsewhere can tell
-normal_prior: What is known of the normal: a direction, or a plane it lies in, each with its spread
-observation: What one detection offers to those who choose between its two poses, and what each of them answers
-parse_prior: Knowledge in words, as the command line and a study's `solve.knowledge` give it
-pattern_cue: A known print inside the circle as evidence: seen through both poses, over all turns in the plane
-pattern_prediction: A print as one pose predicts it in the pixels, and how the prediction moves with all that is
-    uncertain
-vanishing_line_side: The paper's condition as knowledge, and how far it can be trusted
-viewing_cone: The cone over an ellipse, its two circular sections, and how both move with all that is uncertain
+concentric_circle: A concentric circle (centre dot, inner edge of a ring) as a cue for the choice between both poses
+disambiguation: The choice between both poses, from prior knowledge and cues
+normal_prior: A prior on the normal: a direction, or a plane it lies in, each with a standard deviation
+observation: One detection as priors and cues see it, and the log-likelihoods that they return
+parse_prior: Parse prior knowledge from the text of `--knowledge` and of a study's `solve.knowledge`
+pattern_cue: A known print inside the circle as a cue: predicted with both poses, over all in-plane rotations
+pattern_prediction: The pixels of a print as one pose predicts them, with derivatives by every uncertain parameter
+vanishing_line_side: The paper's same-side condition as prior knowledge, with its reliability
+viewing_cone: The viewing cone of an ellipse and its two circular sections, with derivatives by every uncertain
+    parameter
 """

@@ -1,4 +1,4 @@
-"""A circle about the marker's centre as evidence: a centre dot, the inner edge of a ring.
+"""A concentric circle (centre dot, inner edge of a ring) as a cue for the choice between both poses.
 
 The two poses put the image of the marker's centre on opposite sides of the outer ellipse's centre, a^2 sin(2 tilt) /
 (2 f) px from it, and any concentric circle's ellipse a little less far. Only where the circle is says which pose it is,
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_px
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, step_response
-from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Observation, Verdict
 from roundel.solver.ambiguity.viewing_cone import concentric_image, viewing_cone
 from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape
 from roundel.solver.fit.ellipse_distance import foot_points
@@ -55,22 +55,22 @@ class ConcentricCircle:
             "a concentric circle has a diameter between 0 and that of the next larger one, as a fraction of the outer"
         )
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """Likelihood of the measured centre under both poses."""
         name = f"concentric circle of {self.ratio:g} diameters"
-        cone = viewing_cone(sighting)
-        if cone is None or sighting.image is None or sighting.assumed is None:
+        cone = viewing_cone(observation)
+        if cone is None or observation.image is None or observation.uncertain_camera is None:
             return Verdict(0.0, f"{name}: not looked for, there is no image, ellipse or camera")
         centre, spread = concentric_image(cone.cone[:, None], cone.normal, cone.K[:, None], self.ratio)
         starts = [_ellipse(centre[0, i], spread[0, i]) for i in range(2)]
         gap = (self.next_ratio / self.ratio - 1.0) * float(starts[0][3])
         apart = float(np.hypot(*(centre[0, 0] - centre[0, 1])))
-        outside = min(_REACH_PX + 2.0 * sighting.blur_px, 0.6 * gap)
+        outside = min(_REACH_PX + 2.0 * observation.blur_px, 0.6 * gap)
         inside = 0.5 * float(starts[0][3]) if self.hollow else math.inf
         if outside < 1.0:
             return Verdict(0.0, f"{name}: too close to the next one to be told from it")
-        camera = sighting.assumed.camera
-        fits = [fit_centre(sighting.image, camera, e, inside, outside, sighting.blur_px) for e in starts]
+        camera = observation.uncertain_camera.camera
+        fits = [fit_centre(observation.image, camera, e, inside, outside, observation.blur_px) for e in starts]
         found = [fit for fit in fits if not isinstance(fit, FailedFit)]
         if not found:
             return Verdict(0.0, f"{name}: not measured, {fits[0].reason if isinstance(fits[0], FailedFit) else ''}")

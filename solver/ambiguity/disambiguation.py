@@ -1,7 +1,7 @@
-"""Which of the two poses is the true one: only what is known from elsewhere can tell.
+"""The choice between both poses, from prior knowledge and cues.
 
-Both candidates reproduce the image of the circle exactly: it holds no information about the choice (errata, section 3).
-So the knowledge is declared, each piece of it gives odds, and without it nothing is chosen.
+Both candidates reproduce the image of the circle exactly, so the image holds no information about the choice (errata,
+section 3). Knowledge is declared by the user, each piece of it contributes odds, and without any nothing is chosen.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.ambiguity.normal_prior import GreatCirclePrior, NormalPrior
-from roundel.solver.ambiguity.observation import Evidence, Sighting
+from roundel.solver.ambiguity.observation import Evidence, Observation
 from roundel.solver.ambiguity.vanishing_line_side import SideRule
 
 __all__ = ["KNOWLEDGE", "Choice", "GreatCirclePrior", "Knowledge", "NormalPrior", "check_knowledge", "choose"]
@@ -51,7 +51,7 @@ def check_knowledge(knowledge: Knowledge) -> None:
     _pieces(knowledge)
 
 
-def choose(sighting: Sighting | Array, knowledge: Knowledge = None) -> Choice:
+def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Choice:
     """Choose between both candidates by declared knowledge.
 
     - None: probabilities 0.5, nothing is chosen.
@@ -67,7 +67,7 @@ def choose(sighting: Sighting | Array, knowledge: Knowledge = None) -> Choice:
 
     Parameters
     ----------
-    sighting : Sighting or (2, 3) array
+    observation : Observation or (2, 3) array
         Or the unit normals alone, out of the printed face, in the order of `CirclePoses`.
     knowledge : str, Evidence, a sequence of them, or None
 
@@ -83,7 +83,9 @@ def choose(sighting: Sighting | Array, knowledge: Knowledge = None) -> Choice:
     pieces = _pieces(knowledge)
     if not pieces:
         return Choice((0.5, 0.5), None, "nothing is known to choose by")
-    seen = sighting if isinstance(sighting, Sighting) else Sighting(np.asarray(sighting, dtype=np.float64))
+    seen = (
+        observation if isinstance(observation, Observation) else Observation(np.asarray(observation, dtype=np.float64))
+    )
     verdicts = [piece.verdict(seen) for piece in pieces]
     odds = [verdict.log_odds for verdict in verdicts]
     basis = "; ".join(verdict.basis for verdict in verdicts)

@@ -1,8 +1,8 @@
-"""What is known of the normal: a direction, or a plane it lies in, each with its spread.
+"""A prior on the normal: a direction, or a plane it lies in, each with a standard deviation.
 
-Both poses are mirror images across a plane through the camera, a mapping that keeps volumes of positions and of
-directions: an even prior over poses gives them equal weight, exactly, and a prior over normals weighs them by its
-density alone, spread by what each candidate's own normal leaves open.
+Both poses are mirror images across a plane through the camera, and a reflection keeps volumes of positions and of
+directions. A uniform prior over poses therefore gives both exactly the same weight, and a prior over normals weighs
+them by its density, convolved with each candidate's own uncertainty.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.observation import MISFIT, MISTAKES, Observation, Verdict
 from roundel.solver.ambiguity.viewing_cone import viewing_cone
 
 Array = NDArray[np.float64]
@@ -44,12 +44,12 @@ class NormalPrior:
         """What is wrong with it; empty if nothing is."""
         return _problem(self.normal, self.spread_deg)
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """Density of the prior at each candidate, spread by the candidate's covariance."""
         mean = _unit(self.normal)
         s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
-        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+        for n, cov in zip(observation.normal.tolist(), _normal_cov(observation), strict=True):
             across = _cross(n, mean)
             sine = math.sqrt(_dot(across, across))
             angle = math.atan2(sine, _dot(n, mean))
@@ -89,14 +89,14 @@ class GreatCirclePrior:
         """What is wrong with it; empty if nothing is."""
         return _problem(self.axis, self.spread_deg) or ("" if self.toward is None else _problem(self.toward, 1.0))
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """As `NormalPrior.verdict`; along the great circle the density is even."""
         axis = _unit(self.axis)
         toward = None if self.toward is None else _unit(self.toward)
         length = 2.0 * math.pi if toward is None else math.pi  # of the circle, or of its half
         s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
-        for n, cov in zip(sighting.normal.tolist(), _normal_cov(sighting), strict=True):
+        for n, cov in zip(observation.normal.tolist(), _normal_cov(observation), strict=True):
             angle = math.asin(max(-1.0, min(1.0, _dot(n, axis))))
             variance = s2 + _dot(axis, [_dot(row, axis) for row in cov])
             distance = angle * angle / variance
@@ -139,13 +139,13 @@ def _least(n: list[float]) -> list[float]:
     return [float(j == i) for j in range(3)]
 
 
-def _normal_cov(sighting: Sighting) -> list[list[list[float]]]:
+def _normal_cov(observation: Observation) -> list[list[list[float]]]:
     """Covariance (2, 3, 3) of both normals: as given, else from ellipse and camera, else none."""
-    if sighting.cov is not None:
-        own: list[list[list[float]]] = sighting.cov[:, 3:, 3:].tolist()
+    if observation.cov is not None:
+        own: list[list[list[float]]] = observation.cov[:, 3:, 3:].tolist()
         if math.isfinite(sum(map(sum, own[0])) + sum(map(sum, own[1]))):
             return own
-    cone = viewing_cone(sighting)
+    cone = viewing_cone(observation)
     if cone is None:
         return [[[0.0] * 3] * 3] * 2
     g = cone.spread(cone.normal)

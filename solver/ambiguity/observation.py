@@ -1,4 +1,4 @@
-"""What one detection offers to those who choose between its two poses, and what each of them answers."""
+"""One detection as priors and cues see it, and the log-likelihoods that they return."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ MISFIT = 16.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class Observation:
     """One detection with both its poses. What is None is not known, and what would need it is left out.
 
     Attributes
@@ -34,7 +34,7 @@ class Sighting:
         Outer contour in undistorted pixel coordinates: x_px, y_px, a_px, b_px, angle_deg.
     shape_cov : (5, 5) array or None
         Covariance of (x, y, S11, S12, S22), see `EllipseFit`.
-    assumed : AssumedCamera or None
+    uncertain_camera : UncertainCamera or None
         The camera that the poses rest on, and how well it is known.
     image : (H, W) array or None
         Grey levels, linear in the light; image pixels, lens distortion still in them.
@@ -46,7 +46,7 @@ class Sighting:
     cov: Array | None = None
     ellipse: Array | None = None
     shape_cov: Array | None = None
-    assumed: AssumedCamera | None = None
+    uncertain_camera: UncertainCamera | None = None
     image: NDArray[Any] | None = None
     blur_px: float = 0.5
 
@@ -68,9 +68,9 @@ class Verdict:
 
 
 class Evidence(Protocol):
-    """A piece of knowledge: anything that turns a sighting into a verdict."""
+    """A piece of knowledge: anything that turns an observation into a verdict."""
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """The odds of candidate 0 against candidate 1, and why."""
         ...
 

@@ -1,4 +1,4 @@
-"""Knowledge in words, as the command line and a study's `solve.knowledge` give it."""
+"""Parse prior knowledge from the text of `--knowledge` and of a study's `solve.knowledge`."""
 
 from __future__ import annotations
 

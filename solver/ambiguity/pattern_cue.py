@@ -1,4 +1,4 @@
-"""A known print inside the circle as evidence: seen through both poses, over all turns in the plane.
+"""A known print inside the circle as a cue: predicted with both poses, over all in-plane rotations.
 
 Source of the idea: A. Pagani et al., Circular markers for camera pose estimation, WIAMIS (2011): rectify with both
 poses and keep the one nearer to the expected pattern. Here the print is predicted where the pixels are, not the pixels
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.markers.marker import Bar, Disc
-from roundel.solver.ambiguity.observation import MISTAKES, Sighting, Verdict
+from roundel.solver.ambiguity.observation import MISTAKES, Observation, Verdict
 from roundel.solver.ambiguity.pattern_prediction import PredictedPrint, region_inside
 from roundel.solver.ambiguity.viewing_cone import viewing_cone
 
@@ -48,15 +48,22 @@ class Pattern:
             return "a pattern is a square array of at least 8 by 8 finite reflectances"
         return "" if np.ptp(t) > 0 else "a pattern of one shade tells nothing"
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """Likelihood of the pixels inside the outer contour under both poses."""
-        cone = viewing_cone(sighting)
-        if cone is None or sighting.image is None or sighting.assumed is None or sighting.ellipse is None:
+        cone = viewing_cone(observation)
+        if (
+            cone is None
+            or observation.image is None
+            or observation.uncertain_camera is None
+            or observation.ellipse is None
+        ):
             return Verdict(0.0, f"{self.name}: not looked for, there is no image, ellipse or camera")
-        region = region_inside(sighting.image, sighting.assumed.camera, sighting.ellipse, sighting.blur_px)
+        region = region_inside(
+            observation.image, observation.uncertain_camera.camera, observation.ellipse, observation.blur_px
+        )
         if region is None:
             return Verdict(0.0, f"{self.name}: too few pixels inside the circle")
-        print_ = PredictedPrint(np.asarray(self.texture, dtype=np.float64), cone, region, sighting.blur_px)
+        print_ = PredictedPrint(np.asarray(self.texture, dtype=np.float64), cone, region, observation.blur_px)
         value = region.value
         plain = value - print_.light @ np.linalg.lstsq(print_.light, value, rcond=None)[0]
         fits = [print_.fit(i) for i in range(2)]

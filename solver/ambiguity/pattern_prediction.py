@@ -1,4 +1,4 @@
-"""A print as one pose predicts it in the pixels, and how the prediction moves with all that is uncertain.
+"""The pixels of a print as one pose predicts them, with derivatives by every uncertain parameter.
 
 The print is looked up on a grid finer than the pixels, blurred there, and averaged over each pixel: aperture and blur
 are exact, and the slopes of the prediction come from the same grid.

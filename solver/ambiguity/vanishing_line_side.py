@@ -1,4 +1,4 @@
-"""The paper's condition as knowledge, and how far it can be trusted.
+"""The paper's same-side condition as prior knowledge, with its reliability.
 
 `same_side`: the limiting points lie on one side of the vanishing line (E > 0, Proposition 3 with its sign corrected),
 and the true pose is the one with the larger n_z of the errata, index 0 here; `opposite_side`: index 1. That is a
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.ambiguity.observation import Sighting, Verdict
+from roundel.solver.ambiguity.observation import Observation, Verdict
 from roundel.solver.fit.ellipse import shape_of_ellipse
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class SideRule:
         """Nothing can be wrong with it."""
         return ""
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         """Probability Phi(|g| / sigma_g) that the candidates stand in their true order.
 
         g = e3_z, where both normals are -cos e1 -+ sin e3: their n_z are equal just where e3 is parallel to the image,
@@ -47,13 +47,13 @@ class SideRule:
         """
         word = "same side" if self.same else "opposite side"
         sign = 1.0 if self.same else -1.0
-        if sighting.ellipse is None or sighting.assumed is None:
+        if observation.ellipse is None or observation.uncertain_camera is None:
             return Verdict(sign * math.inf, f"{word} of the vanishing line, declared; the camera is taken as exact")
-        g, gradient, to_px = _order(sighting.ellipse, sighting.assumed.camera.K)
-        variance = (sighting.assumed.focal_sigma * gradient[5]) ** 2
-        variance += sighting.assumed.principal_sigma_px**2 * float(gradient[:2] @ gradient[:2])
-        if sighting.shape_cov is not None and np.all(np.isfinite(sighting.shape_cov)):
-            variance += float(gradient[:5] @ sighting.shape_cov @ gradient[:5])
+        g, gradient, to_px = _order(observation.ellipse, observation.uncertain_camera.camera.K)
+        variance = (observation.uncertain_camera.focal_sigma * gradient[5]) ** 2
+        variance += observation.uncertain_camera.principal_sigma_px**2 * float(gradient[:2] @ gradient[:2])
+        if observation.shape_cov is not None and np.all(np.isfinite(observation.shape_cov)):
+            variance += float(gradient[:5] @ observation.shape_cov @ gradient[:5])
         sigma = math.sqrt(max(variance, 0.0))
         z = g / sigma if sigma > 0 else math.inf
         # log(Phi(z) / Phi(-z)); beyond 8 sigma Phi(-z) is 1e-15, and 1 is what it rounds to.

@@ -1,4 +1,4 @@
-"""The cone over an ellipse, its two circular sections, and how both move with all that is uncertain.
+"""The viewing cone of an ellipse and its two circular sections, with derivatives by every uncertain parameter.
 
 In units of the circle's radius the dual cone is M = c c^T - I + n n^T with its lowest eigenvalue at -1; any circle
 about the same centre in the same plane, of r radii, has M + (1 - r^2) (I - n n^T). So a candidate's normal says all
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.observation import Observation
 from roundel.solver.fit.ellipse import shape_of_ellipse
 
 Array = NDArray[np.float64]
@@ -55,28 +55,28 @@ class ViewingCone:
         return np.asarray(self.derivative(values) @ self.factor)
 
 
-def viewing_cone(sighting: Sighting) -> ViewingCone | None:
-    """The cone of a sighting; None where ellipse or camera are not given."""
-    if sighting.ellipse is None or sighting.assumed is None:
+def viewing_cone(observation: Observation) -> ViewingCone | None:
+    """The cone of an observation; None where ellipse or camera are not given."""
+    if observation.ellipse is None or observation.uncertain_camera is None:
         return None
-    camera = sighting.assumed.camera
-    theta = shape_of_ellipse(sighting.ellipse)
+    camera = observation.uncertain_camera.camera
+    theta = shape_of_ellipse(observation.ellipse)
     # Steps of 1e-4: curvature and rounding (1e-16 times the cone's condition, some 1e5) both stay below 1e-6.
-    size = 1e-4 * float(sighting.ellipse[3])
+    size = 1e-4 * float(observation.ellipse[3])
     step = np.array([size] * 5 + [1e-4] + [1e-4 * float(camera.K[0, 0])] * 2)
     steps = np.concatenate([np.zeros((1, NUISANCES)), np.diag(step), -np.diag(step)])
     k = np.repeat(camera.K[None].astype(np.float64), len(steps), axis=0)
     k[:, :2, :2] *= np.exp(steps[:, 5])[:, None, None]
     k[:, :2, 2] += steps[:, 6:]
     cone, normal, side = _sections(theta + steps[:, :5], k)
-    if np.sum((normal[0] - sighting.normal) ** 2) > np.sum((normal[0, ::-1] - sighting.normal) ** 2):
+    if np.sum((normal[0] - observation.normal) ** 2) > np.sum((normal[0, ::-1] - observation.normal) ** 2):
         normal = normal[:, ::-1]
     factor = np.zeros((NUISANCES, NUISANCES))
-    if sighting.shape_cov is not None and np.all(np.isfinite(sighting.shape_cov)):
-        value, vector = np.linalg.eigh(sighting.shape_cov)
+    if observation.shape_cov is not None and np.all(np.isfinite(observation.shape_cov)):
+        value, vector = np.linalg.eigh(observation.shape_cov)
         factor[:5, :5] = vector * np.sqrt(np.maximum(value, 0.0))
-    factor[5, 5] = sighting.assumed.focal_sigma
-    factor[6, 6] = factor[7, 7] = sighting.assumed.principal_sigma_px
+    factor[5, 5] = observation.uncertain_camera.focal_sigma
+    factor[6, 6] = factor[7, 7] = observation.uncertain_camera.principal_sigma_px
     return ViewingCone(k, cone, normal, side, step, factor)
 
 

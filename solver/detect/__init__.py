@@ -1,13 +1,11 @@
 """An image to detections, each with a confidence.
 
-arcs: Edge segments cut where they turn a corner: the arcs of a circle whose rest is hidden, or that a shadow
-    crosses
-blob: The ellipse of a small blob from its grey levels: chains of whole pixels are too coarse for one of a few
-    pixels
-candidates: Places to look for circles: what EdgeDrawing calls ellipses, and those of its edge segments that are one
-confidence: How sure it is that a contour is the image of a circle: one number, and below what nothing is reported
-detect: Where the circles of an image are: candidates, evidence along their contours, one detection for each marker
-evidence: What the pixels say about candidate ellipses, for all of them at once: is there a step across, all the way
-    round?
-pyramid: An image at a whole fraction of its size, and what was found there in the pixels of the whole one
+arcs: Cut edge segments at corners, to keep the visible arcs of a circle that is partly hidden or crossed by a
+    shadow
+blob: The ellipse of a small blob from its grey-level moments; chains of whole pixels are too coarse at this size
+candidates: Candidate ellipses: those that EdgeDrawing finds, and those fitted to its edge segments
+confidence: Confidence that a contour is the image of a circle, and the threshold below which it is not reported
+detect: Detect the circles of an image: candidates, evidence along their contours, one detection for each marker
+evidence: Contrast across the contours of many candidate ellipses at once: is there an edge all the way round?
+pyramid: Image pyramid: images reduced by whole factors, and detections scaled back to full resolution
 """

@@ -1,4 +1,4 @@
-"""Edge segments cut where they turn a corner: the arcs of a circle whose rest is hidden, or that a shadow crosses."""
+"""Cut edge segments at corners, to keep the visible arcs of a circle that is partly hidden or crossed by a shadow."""
 
 from __future__ import annotations
 

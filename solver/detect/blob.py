@@ -1,4 +1,4 @@
-"""The ellipse of a small blob from its grey levels: chains of whole pixels are too coarse for one of a few pixels."""
+"""The ellipse of a small blob from its grey-level moments; chains of whole pixels are too coarse at this size."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Places to look for circles: what EdgeDrawing calls ellipses, and those of its edge segments that are one.
+"""Candidate ellipses: those that EdgeDrawing finds, and those fitted to its edge segments.
 
-Rough and fast: a candidate is right within a pixel or two, and most are nothing. `solver.detect` decides.
+Fast and rough: a candidate is right within a pixel or two, and most are false. `detect` decides.
 """
 
 from __future__ import annotations

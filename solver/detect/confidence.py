@@ -1,4 +1,4 @@
-"""How sure it is that a contour is the image of a circle: one number, and below what nothing is reported.
+"""Confidence that a contour is the image of a circle, and the threshold below which it is not reported.
 
 The confidence is a product of four parts, each 1 where nothing speaks against a circle:
 

@@ -1,4 +1,4 @@
-"""Where the circles of an image are: candidates, evidence along their contours, one detection for each marker.
+"""Detect the circles of an image: candidates, evidence along their contours, one detection for each marker.
 
 EdgeDrawing's own ellipses are only places to look: it returns a circle for ellipses as eccentric as 14.4 x 11.4 px.
 Every candidate is decided by the pixels along its contour.

@@ -1,4 +1,4 @@
-"""What the pixels say about candidate ellipses, for all of them at once: is there a step across, all the way round?"""
+"""Contrast across the contours of many candidate ellipses at once: is there an edge all the way round?"""
 
 from __future__ import annotations
 

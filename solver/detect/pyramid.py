@@ -1,6 +1,6 @@
-"""An image at a whole fraction of its size, and what was found there in the pixels of the whole one.
+"""Image pyramid: images reduced by whole factors, and detections scaled back to full resolution.
 
-Blur shrinks with the image and noise is averaged: a contour too soft or too noisy to be found is found there.
+Reduction shrinks the blur and averages the noise, so contours too soft or too noisy at full size are found there.
 """
 
 from __future__ import annotations

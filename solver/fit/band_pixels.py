@@ -1,4 +1,4 @@
-"""The pixels of a band and their distances to an ellipse, with the derivatives: also through a lens that distorts.
+"""The pixels of a band and their distances to an ellipse, with derivatives, also under lens distortion.
 
 The image is never undistorted. An ellipse of undistorted pixel coordinates has a curve in the image; a pixel's distance
 is that to the curve, in image pixels, where the blur and the pixel's square are what they are.

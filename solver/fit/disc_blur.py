@@ -1,4 +1,4 @@
-"""How a circle of confusion differs from a Gaussian blur of the same variance, at an edge.
+"""Edge response of a defocus disc, relative to a Gaussian blur of the same variance.
 
 An aperture out of focus blurs by a disc of radius R, whose variance along any direction is R^2 / 4. Across a straight
 edge it spreads a semicircle, f(u) = 2 sqrt(R^2 - u^2) / (pi R^2). The pixel's square is small beside it: a Gaussian of

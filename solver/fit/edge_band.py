@@ -1,4 +1,4 @@
-"""The pixels around a contour: their distances to it, the sectors they belong to, and how far its edge extends."""
+"""The band of pixels around a contour: signed distances, sectors, and the extent of the edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ellipses from points: the direct fit as a start, the orthogonal-distance fit as the estimate.
+"""Ellipses from points: a direct fit as the starting value, the orthogonal-distance fit as the estimate.
 
 With isotropic noise on the points the orthogonal-distance fit is the maximum-likelihood fit, and only the component of
 the noise along the contour's normal matters (errata, section 6).

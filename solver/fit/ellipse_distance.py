@@ -1,4 +1,4 @@
-"""Orthogonal projection of points on an ellipse: exact, and for all points at once."""
+"""Orthogonal projection of points on an ellipse, exact and vectorised."""
 
 from __future__ import annotations
 

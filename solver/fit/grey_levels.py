@@ -1,4 +1,4 @@
-"""Grey levels along a contour: one pair, or as much more as the pixels ask for.
+"""Grey levels inside and outside a contour: constants, or smooth functions where the pixels need them.
 
 Inside and outside each have a level that varies across the marker as a sum of smooth functions: 1; x and y (light that
 falls off); their squares (a lamp nearby); harmonics of the direction from the centre (a soft shadow, a highlight). Each

@@ -1,4 +1,4 @@
-"""The guaranteed maximum-likelihood ellipse: the least Sampson distances among ellipses, never a hyperbola.
+"""Guaranteed ellipse fit: minimal Sampson distances among ellipses, never a hyperbola.
 
 The conic F = theta . (x^2, xy, y^2, x, y, 1) is written as theta = (1, 2p, p^2 + e^(2w), r, s, t): its discriminant
 (2p)^2 - 4 (p^2 + e^(2w)) = -4 e^(2w) is negative for every p and w. An ellipse whose far end the points do not see (a

@@ -1,4 +1,4 @@
-"""Any array that is an image, as grey levels with the level at which its pixels saturate."""
+"""An image array of any kind as grey levels, with its saturation level."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for five parameters of an ellipse and many points: small, and sparing with evaluations."""
+"""Levenberg-Marquardt for the five parameters of an ellipse, with few function evaluations."""
 
 from __future__ import annotations
 

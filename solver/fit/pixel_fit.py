@@ -1,4 +1,4 @@
-"""The ellipse fitted to the pixels themselves: shape, blur and grey levels together, by weighted least squares.
+"""Ellipse, blur and grey levels fitted to the pixels together, by weighted least squares.
 
 Each pixel of the band around the contour is predicted as `edges` predicts it,
 

@@ -1,4 +1,4 @@
-"""What the pixels along a contour should show, and how that changes with ellipse, blur and grey levels."""
+"""The predicted pixels along a contour, with derivatives by ellipse, blur and grey levels."""
 
 from __future__ import annotations
 

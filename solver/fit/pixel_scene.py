@@ -1,4 +1,4 @@
-"""The pixels that `pixel_fit` fits: those of the edge, the plateaus beside it, and functions for their grey levels."""
+"""The data of a pixel fit: pixels of the edge, the plateaus beside it, and basis functions of the grey levels."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a photograph's EXIF tells of the focal length, and how firmly.
+"""Focal length and its uncertainty from a photograph's EXIF.
 
-Cameras write nonsense, editors leave tags that no longer hold, and files are cut short: nothing here raises, and what
-cannot be believed is a falsy value with its reason.
+Cameras write wrong tags, editors leave outdated ones, and files are truncated. Nothing here raises: what is not
+credible is a falsy value with its reason.
 """
 
 from __future__ import annotations

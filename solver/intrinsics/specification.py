@@ -1,4 +1,4 @@
-"""Which camera an estimate is made with: the frame's own, a scaled or calibrated one, or one that is assumed.
+"""Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone.
 
 The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones (the paper; errata,
 section 4). What is assumed says how firmly and on what ground: `solver.assumed_camera`.
@@ -18,7 +18,7 @@ from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
 from roundel.scenes.errors import DataError, UsageError, did_you_mean
 from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 FILM_WIDTH_MM = 36.0
 
@@ -170,13 +170,13 @@ def _calibrated(path: Path) -> Intrinsics:
 
 
 def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
-    """The camera alone of `assumed_camera_for`."""
-    return assumed_camera_for(spec, camera, width_px, height_px).camera
+    """The camera alone of `uncertain_camera_for`."""
+    return uncertain_camera_for(spec, camera, width_px, height_px).camera
 
 
-def assumed_camera_for(
+def uncertain_camera_for(
     spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int, exif: ExifTags | None = None
-) -> AssumedCamera:
+) -> UncertainCamera:
     """The camera to estimate with, and how well it is known.
 
     Parameters
@@ -191,7 +191,7 @@ def assumed_camera_for(
 
     Returns
     -------
-    AssumedCamera
+    UncertainCamera
         What is assumed has a centred principal point, square pixels and no distortion. `scaled` multiplies fx and fy
         and keeps the rest. `true`, `scaled` and `calibrated` are taken as exact: their spreads are 0.
 
@@ -204,7 +204,7 @@ def assumed_camera_for(
     if spec.kind == "calibrated":
         assert spec.camera is not None
         _check_size(spec, size)
-        return AssumedCamera(spec.camera, basis=f"calibrated camera {spec.label.partition(':')[2]}, taken as exact")
+        return UncertainCamera(spec.camera, basis=f"calibrated camera {spec.label.partition(':')[2]}, taken as exact")
     if spec.kind == "default":
         focal_px = _focal_px(DEFAULT_FOCAL_35MM_MM, size, spec.convention)
         sigma = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
@@ -225,8 +225,8 @@ def assumed_camera_for(
         k[0, 0] *= spec.factor
         k[1, 1] *= spec.factor
         scaled = replace(camera, width_px=width_px, height_px=height_px, K=k)
-        return AssumedCamera(scaled, basis=f"the frame's own camera, its focal length times {spec.factor:g}")
-    return AssumedCamera(camera, basis="the frame's own camera, taken as exact")
+        return UncertainCamera(scaled, basis=f"the frame's own camera, its focal length times {spec.factor:g}")
+    return UncertainCamera(camera, basis="the frame's own camera, taken as exact")
 
 
 def _check_size(spec: Intrinsics, size: tuple[int, int]) -> None:
@@ -240,7 +240,7 @@ def _check_size(spec: Intrinsics, size: tuple[int, int]) -> None:
         )
 
 
-def _by_exif(spec: Intrinsics, camera: Camera | None, size: tuple[int, int], exif: ExifTags | None) -> AssumedCamera:
+def _by_exif(spec: Intrinsics, camera: Camera | None, size: tuple[int, int], exif: ExifTags | None) -> UncertainCamera:
     if exif is None:
         if camera is None:
             raise UsageError(f"--intrinsics {spec.label}: the camera of these images is not known; use default")
@@ -275,9 +275,9 @@ def _focal_px(focal_35mm_mm: float, size: tuple[int, int], convention: Conventio
     return focal_35mm_mm * math.hypot(long_px, short_px) / FILM_DIAGONAL_MM
 
 
-def _ideal(focal_px: float, size: tuple[int, int], focal_sigma: float, basis: str) -> AssumedCamera:
+def _ideal(focal_px: float, size: tuple[int, int], focal_sigma: float, basis: str) -> UncertainCamera:
     cx, cy = principal_point_at_centre(*size)
     k = np.array([[focal_px, 0.0, cx], [0.0, focal_px, cy], [0.0, 0.0, 1.0]])
     focal_35mm_mm = focal_px * FILM_DIAGONAL_MM / math.hypot(*size)
     camera = Camera(size[0], size[1], k, focal_35mm_mm=focal_35mm_mm)
-    return AssumedCamera(camera, focal_sigma, PRINCIPAL_SIGMA * max(size), basis)
+    return UncertainCamera(camera, focal_sigma, PRINCIPAL_SIGMA * max(size), basis)

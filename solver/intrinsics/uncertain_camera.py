@@ -1,4 +1,4 @@
-"""A camera that is assumed rather than measured: what is believed of it, how firmly, and on what ground."""
+"""A camera with its uncertainty: the best guess, its standard deviations, and what they rest on."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from roundel.scenes.camera.model import Camera
 
 
 @dataclass(frozen=True)
-class AssumedCamera:
+class UncertainCamera:
     """A camera to estimate with, and how well it is known.
 
     Attributes

@@ -1,14 +1,13 @@
-"""Methods by name, ours and others', and the chain from an image to estimates.
+"""Methods by name, Roundel's and third-party, and the chain from an image to estimates.
 
-locate: The whole chain for one image in one call: detect, fit, pose, choose
-opencv_centres: OpenCV's own finders of round things, as methods: centres alone, no pose
-plugin: A method of your own: what it is given, what it gives back, and how that is checked (docs/your-own-
-    method.md)
-pose_estimate: One fitted ellipse to a record: both poses with their covariance, the choice between them, and what
-    all rests on
-registry: The methods there are: Roundel's fits, its finders, and what installed packages add under
-    `roundel.methods`
-roundel_fits: From a detection to an ellipse, by any of the methods: each with what it is made from, and none
-    silently replaced
-solve: Estimates for a dataset: every frame, method and kind of intrinsics, in one file
+locate: `locate`: the circles of one image, given as an array, with both poses of each
+opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
+    would write them
+plugin: The plug-in interface for third-party methods: `View` in, `Found` out, and its checks
+    (docs/your-own-method.md)
+pose_estimate: The `Estimate` of one fitted ellipse: both poses, covariance, and the choice between them
+registry: All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`
+roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five fits
+solve: Solve a dataset: every frame with every method and every intrinsics label, into one file
+solve_image: The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it
 """

@@ -1,4 +1,4 @@
-"""The whole chain for one image in one call: detect, fit, pose, choose."""
+"""`locate`: the circles of one image, given as an array, with both poses of each."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from roundel.scenes.camera.model import Camera, camera_problem
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
 from roundel.solver.fit.image_levels import grey_levels
-from roundel.solver.intrinsics.specification import assumed_camera_for, parse_intrinsics
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.specification import parse_intrinsics, uncertain_camera_for
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import View
-from roundel.solver.methods.pose_estimate import estimate_of
-from roundel.solver.methods.registry import find, finder_of
-from roundel.solver.methods.roundel_fits import DEFAULT_METHOD, fit_detection, look_at
+from roundel.solver.methods.registry import NOTHING, load_methods
+from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
+from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
 
 
 def locate(
     image: NDArray[Any],
     diameter_m: float,
-    camera: Camera | AssumedCamera | None = None,
+    camera: Camera | UncertainCamera | None = None,
     knowledge: Knowledge = None,
     method: str = DEFAULT_METHOD,
 ) -> list[Estimate]:
@@ -36,7 +36,7 @@ def locate(
         Levels are taken as proportional to light: of a photograph, `read_photo` undoes the curve.
     diameter_m : float
         Outer diameter of the printed circles; 1 for an unknown one, and lengths are in diameters.
-    camera : Camera or AssumedCamera, optional
+    camera : Camera or UncertainCamera, optional
         A `Camera` is taken as exact. Left out: the default phone's focal length with its spread, a centred principal
         point, square pixels, no distortion.
     knowledge : str, Evidence, a sequence of them, or None
@@ -47,7 +47,7 @@ def locate(
     Returns
     -------
     list of Estimate
-        The strongest detection first; empty if there is none.
+        The strongest detection first; empty if no circle is found.
 
     Raises
     ------
@@ -59,27 +59,24 @@ def locate(
     grey, full_scale_dn = grey_levels(image)
     diameter_m = _diameter(diameter_m)
     check_knowledge(knowledge)
-    finder = finder_of(method)
-    label, assumed = _assumed(camera, grey.shape[1], grey.shape[0])
-    if finder is not None:
-        pixels = np.array(image)  # a copy: the method may write into it
-        view = View(pixels, assumed.camera, diameter_m, saturation_dn=full_scale_dn)
-        return find(method, finder, view, assumed, knowledge, 0, label)
-    seen = look_at(grey, full_scale_dn)
-    out = []
-    for i, detection in enumerate(seen.detections):
-        fit = fit_detection(seen, detection, assumed.camera, method)
-        out.append(estimate_of(fit, assumed, diameter_m, knowledge, (0, i, method, label), detection, grey))
-    return out
+    methods = load_methods([method])
+    label, uncertain = _camera(camera, grey.shape[1], grey.shape[0])
+
+    def view(camera: Camera) -> View:
+        return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn)
+
+    given = SolverInput(diameter_m, {label: uncertain}, grey, full_scale_dn, view=view)
+    nothing = (NO_CIRCLE, f"{method}: {NOTHING}")
+    return [e for e in solve_image(given, methods, knowledge).estimates if e.reason not in nothing]
 
 
-def _assumed(camera: Camera | AssumedCamera | None, width_px: int, height_px: int) -> tuple[str, AssumedCamera]:
+def _camera(camera: Camera | UncertainCamera | None, width_px: int, height_px: int) -> tuple[str, UncertainCamera]:
     """The label of the intrinsics, and the camera with its spreads."""
     if camera is None:
-        return "default", assumed_camera_for(parse_intrinsics("default"), None, width_px, height_px)
-    assumed = camera if isinstance(camera, AssumedCamera) else AssumedCamera(camera)
-    _check_camera(assumed.camera, width_px, height_px)
-    return ("true" if assumed.camera is camera else "assumed"), assumed
+        return "default", uncertain_camera_for(parse_intrinsics("default"), None, width_px, height_px)
+    uncertain = camera if isinstance(camera, UncertainCamera) else UncertainCamera(camera)
+    _check_camera(uncertain.camera, width_px, height_px)
+    return ("true" if uncertain.camera is camera else "assumed"), uncertain
 
 
 def _diameter(diameter_m: float) -> float:

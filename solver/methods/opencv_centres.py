@@ -1,4 +1,4 @@
-"""OpenCV's own finders of round things, as methods: centres alone, no pose. Written as anyone would write theirs."""
+"""OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party would write them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A method of your own: what it is given, what it gives back, and how that is checked (docs/your-own-method.md).
+"""The plug-in interface for third-party methods: `View` in, `Found` out, and its checks (docs/your-own-method.md).
 
-A method is a callable `find(view)`: one image in, a list of what it found out. It sees what a solver may see: the
-image, a camera, and what is printed. An example of the smallest kind, for a method that only finds centres:
+A method is a callable `find(view)` that returns a list of `Found`. It sees what a solver may see: the image, a camera,
+and what is printed. The smallest example finds centres only:
 
     import cv2
     from roundel.solver.methods.plugin import Found, View

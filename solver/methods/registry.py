@@ -1,6 +1,6 @@
-"""The methods there are: Roundel's fits, its finders, and what installed packages add under `roundel.methods`.
+"""All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`.
 
-A package adds one by an entry point; nothing of it is imported before it is asked for by name:
+A package adds a method by an entry point. It is imported when it is first requested by name:
 
     [project.entry-points."roundel.methods"]
     mine = "my_package.my_module:find"
@@ -15,10 +15,11 @@ from importlib.metadata import EntryPoint, entry_points
 import numpy as np
 
 from roundel.scenes.errors import UsageError, did_you_mean
+from roundel.scenes.geometry.conic import Ellipse
 from roundel.solver.ambiguity.disambiguation import Knowledge
-from roundel.solver.estimates import NOT_FOUND, Estimate
+from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import Checked, Finder, View, check_found
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.roundel_fits import METHODS
@@ -65,17 +66,17 @@ def method_lines() -> list[str]:
     return [f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}" for m in methods]
 
 
-def check_methods(methods: Sequence[str]) -> None:
-    """Refuse what is no method, or does not load.
+def load_methods(methods: Sequence[str]) -> dict[str, Finder | None]:
+    """The callable of each method, None for Roundel's own; each name once, in the order given.
 
     Raises
     ------
     UsageError
+        If there is none, or one is unknown, ambiguous, or cannot be imported.
     """
     if not methods:
         raise UsageError(f"no method; use {', '.join(_names())}")
-    for name in methods:
-        finder_of(name)
+    return {name: finder_of(name) for name in methods}
 
 
 def finder_of(name: str) -> Finder | None:
@@ -113,8 +114,8 @@ def _names() -> list[str]:
     return list(dict.fromkeys(m.name for m in installed_methods()))
 
 
-def find(
-    name: str, finder: Finder, view: View, assumed: AssumedCamera, knowledge: Knowledge, frame_id: int, label: str
+def run_plugin(
+    name: str, finder: Finder, view: View, uncertain: UncertainCamera, knowledge: Knowledge, frame_id: int, label: str
 ) -> list[Estimate]:
     """What a method finds in a view, as records; whatever goes wrong in it is a failed record with the reason.
 
@@ -123,7 +124,7 @@ def find(
     name, finder
         The method.
     view : View
-    assumed : AssumedCamera
+    uncertain : UncertainCamera
         Whose camera the view has; its spreads go into the covariance of poses made from an ellipse.
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`; it decides between poses made from an ellipse.
@@ -133,7 +134,7 @@ def find(
     """
 
     def failed(detection_id: int, reason: str) -> Estimate:
-        return Estimate(frame_id, detection_id, name, label, "failed", f"{name}: {reason}", camera=assumed.camera)
+        return Estimate(frame_id, detection_id, name, label, "failed", f"{name}: {reason}", camera=uncertain.camera)
 
     try:
         answer: object = finder(view)
@@ -151,34 +152,34 @@ def find(
         except ValueError as error:
             out.append(failed(n, f"detection {n}: {_said(error, typed=False)}"))
             continue
-        out.append(_estimate(checked, assumed, view.diameter_m, knowledge, (frame_id, n, name, label)))
+        out.append(_estimate(checked, uncertain, view.diameter_m, knowledge, EstimateKey(frame_id, n, name, label)))
     return out
 
 
 def _estimate(
-    found: Checked, assumed: AssumedCamera, diameter_m: float, knowledge: Knowledge, key: tuple[int, int, str, str]
+    found: Checked, uncertain: UncertainCamera, diameter_m: float, knowledge: Knowledge, key: EstimateKey
 ) -> Estimate:
     if found.normal is None and found.ellipse is not None:
-        # Both poses are ours then; how well the ellipse is known nobody said.
+        # Roundel computes both poses; the method gave no covariance for its ellipse.
         unknown = np.full((5, 5), np.nan)
         fit = EllipseFit(found.ellipse, unknown, float("nan"), 0, unknown, np.empty(0))
-        made = estimate_of(fit, assumed, diameter_m, knowledge, key)
+        made = estimate_of(fit, uncertain, diameter_m, knowledge, key)
         return replace(
             made, edge_points=None, edge_sigma_px=None, confidence=found.confidence, centre_image=found.centre_px
         )
     return Estimate(
         *key,
         status="ok",
-        ellipse=found.ellipse,
-        camera=assumed.camera,
+        ellipse=None if found.ellipse is None else Ellipse.from_array(found.ellipse),
+        camera=uncertain.camera,
         normal=found.normal,
         centre_m=found.centre_m,
         centre_image=found.centre_px,
         chosen=found.chosen if found.normal is not None else 0,
-        choice_basis=f"chosen by {key[2]}" if found.chosen is not None else "",
+        choice_basis=f"chosen by {key.method}" if found.chosen is not None else "",
         confidence=found.confidence,
-        focal_sigma=assumed.focal_sigma,
-        intrinsics_basis=assumed.basis,
+        focal_sigma=uncertain.focal_sigma,
+        intrinsics_basis=uncertain.basis,
     )
 
 

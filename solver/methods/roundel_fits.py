@@ -1,7 +1,7 @@
-"""From a detection to an ellipse, by any of the methods: each with what it is made from, and none silently replaced.
+"""Roundel's own methods: the ellipse of a detection, by one of five fits.
 
-Lens distortion is taken out of edge points and of pixels' positions, never out of the image: resampling destroys what
-sub-pixel edges are made of.
+Lens distortion is removed from edge points and pixel positions, never from the image: resampling destroys sub-pixel
+edges.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _MIN_IMAGE_PX = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Detections:
     """An image and what was detected in it.
 
     Attributes
@@ -60,12 +60,12 @@ class Seen:
     detections: list[Detection]
 
 
-def look_at(grey: NDArray[Any], full_scale_dn: float) -> Seen:
+def detect_circles(grey: NDArray[Any], full_scale_dn: float) -> Detections:
     """Detect the circles of an image; none in one that is too small to hold any."""
-    return Seen(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
+    return Detections(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
 
 
-def fit_detection(seen: Seen, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
+def fit_detection(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
     Where the pixels alone do not determine an ellipse (most of them saturated, too few of them), `pixels` falls back

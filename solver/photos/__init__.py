@@ -1,8 +1,7 @@
 """Photographs: reading, solving, overlays.
 
-overlay: What was found, drawn on the photograph: contour, centre, both normals, and the distance with its spread
-photo_file: A photograph as a measuring instrument wants it: upright, grey, in linear light, with what its EXIF says
-photo_report: Estimates from photographs as text: a readable record of each, and one line for the terminal
-photographs: Photographs to poses: every file with the focal length that is known of it, as tables, as text, and as
-    pictures
+overlay: Draw estimates on a photograph: contour, centre, both normals, and the distance with its standard deviation
+photo_file: Read a photograph: upright, grey, in linear light, with its EXIF tags
+photo_report: Results of photographs as text: `estimates.json`, and one line each for the terminal
+photographs: Solve photographs: each with its own focal length, into tables, a readable record and pictures
 """

@@ -1,4 +1,4 @@
-"""What was found, drawn on the photograph: contour, centre, both normals, and the distance with its spread."""
+"""Draw estimates on a photograph: contour, centre, both normals, and the distance with its standard deviation."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, distort_px, project
-from roundel.scenes.geometry.conic import ellipse_points
-from roundel.scenes.geometry.pose import tilt_azimuth_deg
+from roundel.scenes.geometry.conic import circle_points_m, ellipse_points
+from roundel.scenes.geometry.pose import camera_from_marker_of, tilt_azimuth_deg
 from roundel.solver.estimates import Estimate
 
 if TYPE_CHECKING:
@@ -112,29 +112,51 @@ def _canvas(picture: NDArray[np.uint8]) -> _Canvas:
     return _Canvas(np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale)
 
 
-def _contour(canvas: _Canvas, estimate: Estimate) -> Array | None:
-    if estimate.ellipse is None or estimate.camera is None:
+def _contour(canvas: _Canvas, one: Drawn) -> Array | None:
+    """The circle's outline: of its ellipse, or else of its chosen or first pose."""
+    estimate, camera = one.estimate, one.estimate.camera
+    if camera is None:
         return None
-    points = canvas.at(distort_px(estimate.camera, ellipse_points(estimate.ellipse, 256)))
-    return points if bool(np.all(np.isfinite(points)) and np.max(np.abs(points)) < 1e6) else None
+    if estimate.ellipse is not None:
+        points = canvas.at(distort_px(camera, ellipse_points(estimate.ellipse, 256)))
+    elif estimate.normal is not None and estimate.centre_m is not None:
+        first = estimate.chosen or 0
+        pose = camera_from_marker_of(estimate.normal[first], estimate.centre_m[first])
+        points = canvas.at(project(camera, circle_points_m(pose, one.diameter_m / 2, 256)))
+    else:
+        return None
+    return points if _visible(points) else None
+
+
+def _centre(canvas: _Canvas, estimate: Estimate) -> Array | None:
+    """The image of the centre, where a method gives it."""
+    point = None if estimate.centre_image is None else canvas.at(estimate.centre_image)
+    return point if point is not None and _visible(point) else None
+
+
+def _visible(points: Array) -> bool:
+    return bool(np.all(np.isfinite(points)) and np.max(np.abs(points)) < 1e6)
 
 
 def _draw_pose(canvas: _Canvas, one: Drawn) -> None:
     estimate, unit = one.estimate, canvas.unit
-    contour = _contour(canvas, estimate)
+    contour, point = _contour(canvas, one), _centre(canvas, estimate)
     if contour is not None:
         canvas.line(contour, CONTOUR if estimate else FAILED, 2.0 * unit, closed=True)
+    if point is not None:
+        canvas.dot(point, CONTOUR, 3.0 * unit)
     if estimate.normal is None or estimate.centre_m is None or estimate.camera is None:
         return
     first = 0 if estimate.chosen is None else estimate.chosen
-    for candidate in (1 - first, first):
+    last_drawn = [candidate for candidate in range(len(estimate.normal)) if candidate != first] + [first]
+    for candidate in last_drawn:
         width = 3.2 * unit if estimate.chosen in (None, candidate) else 1.4 * unit
         _arrow(canvas, estimate, candidate, one.diameter_m, width)
     # The candidates' centres differ by some hundredths of a diameter: on a near marker that is seen.
-    for candidate, radius in ((1 - first, 2.2), (first, 3.0)):
+    for candidate in last_drawn:
         centre = canvas.at(project(estimate.camera, estimate.centre_m[candidate]))
-        if np.all(np.isfinite(centre)) and np.max(np.abs(centre)) < 1e6:
-            canvas.dot(centre, _WHITE, radius * unit)
+        if _visible(centre):
+            canvas.dot(centre, _WHITE, (3.0 if candidate == first else 2.2) * unit)
 
 
 def _arrow(canvas: _Canvas, estimate: Estimate, candidate: int, diameter_m: float, width: float) -> None:
@@ -149,7 +171,7 @@ def _arrow(canvas: _Canvas, estimate: Estimate, candidate: int, diameter_m: floa
     # No farther than half the way to the camera: beyond, an arrow would come out of the picture.
     length_m = min(length_m, 0.5 * float(np.linalg.norm(centre)))
     start, tip = canvas.at(project(camera, np.stack([centre, centre + length_m * normal])))
-    if not np.all(np.isfinite([start, tip])) or np.max(np.abs([start, tip])) > 1e6:
+    if not _visible(np.stack([start, tip])):
         return
     along = tip - start
     length = float(np.linalg.norm(along))
@@ -177,8 +199,7 @@ def _lettered(canvas: _Canvas, drawn: Sequence[Drawn], footer: str) -> NDArray[n
     font = ImageFont.load_default(size)
     image = Image.fromarray(canvas.pixels)
     draw = ImageDraw.Draw(image)
-    contours = [_contour(canvas, one.estimate) for one in drawn]
-    boxes = [None if c is None else _bounds(c) for c in contours]
+    boxes = [_box(canvas, one) for one in drawn]
     canvas.taken += [box for box in boxes if box is not None]
     for number, (one, box) in enumerate(zip(drawn, boxes, strict=True)):
         if box is not None:
@@ -194,16 +215,25 @@ def _lettered(canvas: _Canvas, drawn: Sequence[Drawn], footer: str) -> NDArray[n
     return np.array(whole)
 
 
+def _box(canvas: _Canvas, one: Drawn) -> Box | None:
+    """What a label must not hide: the contour, or the centre alone."""
+    contour, point = _contour(canvas, one), _centre(canvas, one.estimate)
+    if contour is not None:
+        return _bounds(contour)
+    return None if point is None else _bounds(np.stack([point - 8 * canvas.unit, point + 8 * canvas.unit]))
+
+
 def _label(one: Drawn, name: str) -> list[tuple[str, Colour]]:
     estimate, title = one.estimate, f"{name}  {one.label}".strip()
-    if not estimate or estimate.normal is None or estimate.probability is None:
+    if not estimate:
         return [(title, FAILED)]
-    tilt = tilt_azimuth_deg(estimate.normal)[0]
     lines = [(title, _WHITE)]
-    for candidate in range(2):
-        percent = f"{100 * estimate.probability[candidate]:.0f} %"
-        chosen = ", chosen" if estimate.chosen == candidate else ""
-        lines.append((f"tilt {tilt[candidate]:.1f}°  {percent}{chosen}", CANDIDATES[candidate]))
+    if estimate.normal is None:
+        return lines
+    for candidate, tilt in enumerate(tilt_azimuth_deg(estimate.normal)[0]):
+        percent = "" if estimate.probability is None else f"  {100 * estimate.probability[candidate]:.0f} %"
+        chosen = ", chosen" if estimate.chosen == candidate and len(estimate.normal) > 1 else ""
+        lines.append((f"tilt {tilt:.1f}°{percent}{chosen}", CANDIDATES[candidate]))
     return lines
 
 

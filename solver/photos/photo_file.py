@@ -1,8 +1,8 @@
-"""A photograph as a measuring instrument wants it: upright, grey, in linear light, with what its EXIF says.
+"""Read a photograph: upright, grey, in linear light, with its EXIF tags.
 
-An edge is a step of light. Behind the curve that photographs are stored with its middle is not the mean of its sides,
-and a circle would be found some tenths of a pixel too large or too small: the curve is undone (see
-`roundel.datasets.layout.images`).
+Edges are located in linear light. In gamma-encoded values the midpoint of an edge is displaced, and circles would be
+measured some tenths of a pixel too large or too small: the encoding is undone
+(see `roundel.datasets.layout.images`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Estimates from photographs as text: a readable record of each, and one line for the terminal."""
+"""Results of photographs as text: `estimates.json`, and one line each for the terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.geometry.pose import tilt_azimuth_deg
 from roundel.solver.estimates import NOT_FOUND, Estimate
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class PhotoResult:
     reason : str
     width_px, height_px : int or None
         Upright.
-    assumed : dict
+    cameras : dict
         The camera for each intrinsics label that could be had.
     estimates : list of Estimate
     found : int
@@ -43,7 +43,7 @@ class PhotoResult:
     reason: str = ""
     width_px: int | None = None
     height_px: int | None = None
-    assumed: dict[str, AssumedCamera] = field(default_factory=dict)
+    cameras: dict[str, UncertainCamera] = field(default_factory=dict)
     estimates: list[Estimate] = field(default_factory=list)
     found: int = 0
     overlay: str = ""
@@ -72,6 +72,8 @@ def distance_label(estimate: Estimate) -> str:
     """Distance of the chosen candidate, or of the first: they differ by some hundredths of a diameter at most."""
     if not estimate:
         return estimate.reason
+    if estimate.centre_m is None:
+        return "unknown distance"
     return with_sigma(*distance_m(estimate, estimate.chosen or 0))
 
 
@@ -79,11 +81,11 @@ def line_of(result: PhotoResult) -> str:
     """One photograph in one line."""
     if result.status != "ok":
         return f"{result.file}: {result.reason or result.status}"
-    label = next(iter(result.assumed))
+    label = next(iter(result.cameras))
     first = [e for e in result.estimates if (e.method, e.intrinsics) == (result.estimates[0].method, label)]
     distances = ", ".join(distance_label(e) for e in first[:4]) + (", ..." if len(first) > 4 else "")
     circles = "1 circle" if len(first) == 1 else f"{len(first)} circles"
-    return f"{result.file}: {circles} at {distances} ({result.assumed[label].basis})"
+    return f"{result.file}: {circles} at {distances} ({result.cameras[label].basis})"
 
 
 def readable(results: Sequence[PhotoResult], diameter_m: float) -> str:
@@ -94,10 +96,10 @@ def readable(results: Sequence[PhotoResult], diameter_m: float) -> str:
 
 
 def _photograph(frame_id: int, result: PhotoResult) -> dict[str, Any]:
-    cameras = {label: _camera(one) for label, one in result.assumed.items()}
+    cameras = {label: _camera(one) for label, one in result.cameras.items()}
+    found = sorted({e.detection_id for e in result.estimates} - {NOT_FOUND})
     detections = [
-        {"detection_id": i, "estimates": [_estimate(e) for e in result.estimates if e.detection_id == i]}
-        for i in range(result.found)
+        {"detection_id": i, "estimates": [_estimate(e) for e in result.estimates if e.detection_id == i]} for i in found
     ]
     failures = [
         {"method": e.method, "intrinsics": e.intrinsics, "reason": e.reason}
@@ -118,7 +120,7 @@ def _photograph(frame_id: int, result: PhotoResult) -> dict[str, Any]:
     }
 
 
-def _camera(one: AssumedCamera) -> dict[str, Any]:
+def _camera(one: UncertainCamera) -> dict[str, Any]:
     return {
         "basis": one.basis,
         "focal_sigma": one.focal_sigma,
@@ -138,12 +140,13 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "choice_basis": estimate.choice_basis,
     }
     if estimate.ellipse is not None:
-        names = ("x_px", "y_px", "a_px", "b_px", "angle_deg")
-        out["ellipse"] = dict(zip(names, map(float, estimate.ellipse), strict=True))
+        out["ellipse"] = estimate.ellipse._asdict()
         out["edge_points"], out["edge_sigma_px"] = estimate.edge_points, _finite(estimate.edge_sigma_px)
         out["blur_px"], out["contrast_dn"] = _finite(estimate.blur_px), _finite(estimate.contrast_dn)
     if estimate.normal is not None and estimate.centre_m is not None:
-        out["candidates"] = [_candidate(estimate, candidate) for candidate in range(2)]
+        out["candidates"] = [_candidate(estimate, candidate) for candidate in range(len(estimate.normal))]
+    if estimate.centre_image is not None:
+        out["centre_image_px"] = [float(v) for v in estimate.centre_image]
     return out
 
 

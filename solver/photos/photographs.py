@@ -1,21 +1,23 @@
-"""Photographs to poses: every file with the focal length that is known of it, as tables, as text, and as pictures."""
+"""Solve photographs: each with its own focal length, into tables, a readable record and pictures."""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from roundel.datasets.layout.files import check_no_dataset, write_file
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
-from roundel.solver.intrinsics.specification import Intrinsics, assumed_camera_for, parse_intrinsics
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
-from roundel.solver.methods.pose_estimate import estimate_of
-from roundel.solver.methods.registry import check_methods
-from roundel.solver.methods.roundel_fits import DEFAULT_METHOD, METHODS, fit_detection, look_at
+from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.plugin import Finder, View
+from roundel.solver.methods.registry import load_methods
+from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
+from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_file import Photo, read_photo
 from roundel.solver.photos.photo_report import PhotoResult, distance_label, readable
@@ -24,7 +26,6 @@ Progress = Callable[[int, int], None]
 
 READABLE = "estimates.json"
 OVERLAYS = "overlays"
-_NO_CIRCLE = "no circle found"
 
 
 def solve_photographs(
@@ -51,7 +52,8 @@ def solve_photographs(
     diameter_m : float
         Outer diameter of the printed circles.
     methods : sequence of str
-        See `solve_dataset`; pictures show the first.
+        See `solve_dataset`; pictures show the first. Third-party methods get the picture as it is shown: upright,
+        8-bit RGB.
     intrinsics : sequence of str, optional
         See `parse_intrinsics`; pictures show the first. Left out: `exif` where the file has it, otherwise `default`.
     knowledge : str, Evidence, a sequence of them, or None
@@ -74,11 +76,7 @@ def solve_photographs(
         If the result cannot be written.
     """
     check_no_dataset(Path(out_path))
-    methods = list(dict.fromkeys(methods))
-    check_methods(methods)
-    for name in methods:
-        if name not in METHODS:
-            raise UsageError(f"--method {name}: it works on datasets; photographs take {', '.join(METHODS)}")
+    loaded = load_methods(methods)
     check_knowledge(knowledge)
     if not (math.isfinite(diameter_m) and diameter_m > 0):
         raise UsageError(f"the diameter must be a positive number of metres, not {diameter_m}")
@@ -92,7 +90,7 @@ def solve_photographs(
         if progress:
             progress(frame_id, len(paths))
         results.append(
-            _solve_one(frame_id, Path(path), names[frame_id], out, diameter_m, methods, specs, knowledge, linear)
+            _solve_one(frame_id, Path(path), names[frame_id], out, diameter_m, loaded, specs, knowledge, linear)
         )
     if progress:
         progress(len(paths), len(paths))
@@ -120,7 +118,7 @@ def _solve_one(
     overlay: str,
     out: Path,
     diameter_m: float,
-    methods: list[str],
+    methods: Mapping[str, Finder | None],
     specs: list[Intrinsics] | None,
     knowledge: Knowledge,
     linear: bool,
@@ -132,68 +130,55 @@ def _solve_one(
         labels = [spec.label for spec in specs] if specs else ["default"]
         rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", reason) for m in methods for label in labels]
         return PhotoResult(path.as_posix(), "failed", reason, estimates=rows)
-    assumed, refused = _cameras(photo, specs)
-    estimates, found = _estimates(frame_id, photo, assumed, diameter_m, methods, knowledge)
-    estimates += [Estimate(frame_id, NOT_FOUND, m, label, "failed", r) for m in methods for label, r in refused.items()]
-    reason = next(iter(refused.values()), "") or (_NO_CIRCLE if not found else "")
+    cameras, refused = _cameras(photo, specs)
+
+    def view(camera: Camera) -> View:
+        return View(photo.picture.copy(), camera, diameter_m)
+
+    given = SolverInput(diameter_m, cameras, photo.grey, photo.saturation_dn, view=view, frame_id=frame_id)
+    solved = solve_image(given, methods, knowledge)
+    rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", r) for m in methods for label, r in refused.items()]
+    estimates, found = [*solved.estimates, *rows], solved.detections
+    reason = next(iter(refused.values()), "") or ("" if found else _why_nothing(solved.estimates))
     status = "failed" if refused else "ok" if found else "no circle"
     file = f"{OVERLAYS}/{overlay}"
-    write_file(out / file, _picture(photo, assumed, estimates, diameter_m, reason))
-    return PhotoResult(
-        path.as_posix(), status, reason, photo.width_px, photo.height_px, assumed, estimates, found, file
-    )
+    write_file(out / file, _picture(photo, cameras, estimates, diameter_m, reason))
+    size = photo.width_px, photo.height_px
+    return PhotoResult(path.as_posix(), status, reason, *size, cameras, estimates, found, file)
 
 
-def _cameras(photo: Photo, specs: list[Intrinsics] | None) -> tuple[dict[str, AssumedCamera], dict[str, str]]:
+def _why_nothing(estimates: list[Estimate]) -> str:
+    """What the first method said; of a third-party method that failed by its own fault, its error."""
+    return estimates[0].reason if estimates else NO_CIRCLE
+
+
+def _cameras(photo: Photo, specs: list[Intrinsics] | None) -> tuple[dict[str, UncertainCamera], dict[str, str]]:
     """A camera for each label, and the reason for each label that has none."""
-    assumed: dict[str, AssumedCamera] = {}
+    cameras: dict[str, UncertainCamera] = {}
     refused: dict[str, str] = {}
     size = photo.width_px, photo.height_px
     for spec in specs or [parse_intrinsics("exif")]:
         try:
-            assumed[spec.label] = assumed_camera_for(spec, None, *size, exif=photo.exif)
+            cameras[spec.label] = uncertain_camera_for(spec, None, *size, exif=photo.exif)
         except RoundelError as error:
             refused[spec.label] = str(error)
-    if specs is None and not assumed:
-        return {"default": assumed_camera_for(parse_intrinsics("default"), None, *size)}, {}
-    return assumed, refused
-
-
-def _estimates(
-    frame_id: int,
-    photo: Photo,
-    assumed: dict[str, AssumedCamera],
-    diameter_m: float,
-    methods: list[str],
-    knowledge: Knowledge,
-) -> tuple[list[Estimate], int]:
-    """The whole chain on one image, and the number of detections."""
-    seen = look_at(photo.grey, photo.saturation_dn)
-    detections = seen.detections if assumed else []
-    out = []
-    for method in methods:
-        for label, one in assumed.items():
-            for i, detection in enumerate(detections):
-                fit = fit_detection(seen, detection, one.camera, method)
-                key = (frame_id, i, method, label)
-                out.append(estimate_of(fit, one, diameter_m, knowledge, key, detection, photo.grey))
-            if not detections:
-                out.append(Estimate(frame_id, NOT_FOUND, method, label, "failed", _NO_CIRCLE, camera=one.camera))
-    return out, len(detections)
+    if specs is None and not cameras:
+        return {"default": uncertain_camera_for(parse_intrinsics("default"), None, *size)}, {}
+    return cameras, refused
 
 
 def _picture(
-    photo: Photo, assumed: dict[str, AssumedCamera], estimates: list[Estimate], diameter_m: float, reason: str
+    photo: Photo, cameras: dict[str, UncertainCamera], estimates: list[Estimate], diameter_m: float, reason: str
 ) -> bytes:
     """The overlay of the first method and the first intrinsics, as a PNG."""
     from PIL import Image
 
-    label = next(iter(assumed), None)
+    label = next(iter(cameras), None)
     shown = [
         e for e in estimates if e.detection_id != NOT_FOUND and (e.method, e.intrinsics) == (estimates[0].method, label)
     ]
     drawn = [Drawn(e, diameter_m, distance_label(e)) for e in shown]
-    basis = f"Camera: {assumed[label].basis}." if label is not None else ""
+    basis = f"Camera: {cameras[label].basis}." if label is not None else ""
     footer = f"{reason[:1].upper()}{reason[1:]}. {basis}" if reason else f"{basis} Marker: {1000 * diameter_m:g} mm."
     buffer = io.BytesIO()
     # Level 1: a photograph's noise does not compress, and 6 takes four times as long for 5 % less.

@@ -1,12 +1,7 @@
 """An ellipse to both poses of the circle, with covariance.
 
-circle_pose: The two poses of a circle of known radius from its image, in closed form
-circle_pose_batch: Many circles' two poses at once, coordinate by coordinate: the arithmetic of `circle_pose`, whose
-    text explains it
-circle_pose_scalar: One circle's two poses with plain Python floats: the method of `circle_pose`, where a vectorised
-    call costs more in overhead than in arithmetic
-pose_covariance: How far both poses of a circle may be off: the covariance of its ellipse and of the camera, carried
-    to them
-pose_region: Regions that hold the true normal or the true centre with a stated probability, from the covariance of
-    a pose
+circle_pose: Both poses of a circle of known radius from its image, in closed form
+circle_pose_batch: Both poses of many circles at once, vectorised; `circle_pose` explains the method
+circle_pose_scalar: Both poses of a single circle in plain Python floats, without the overhead of vectorised calls
+pose_covariance: Covariance of both poses, propagated from the ellipse and from the camera
 """

@@ -1,6 +1,6 @@
-"""The two poses of a circle of known radius from its image, in closed form.
+"""Both poses of a circle of known radius from its image, in closed form.
 
-All solutions are returned and none is chosen: choosing is `solver.choose`'s business.
+None is chosen: that is the task of `solver.ambiguity`.
 
 The cone over the image ellipse {c + S u, |u| = 1} has the dual A^-1 = p p^T - W W^T with p = K^-1 [c; 1] and
 W = K^-1 [S; 0] (errata, section 2). The 3x3 matrix M = [W p] is made orthogonal column by column with rotations that

@@ -1,4 +1,4 @@
-"""Many circles' two poses at once, coordinate by coordinate: the arithmetic of `circle_pose`, whose text explains it.
+"""Both poses of many circles at once, vectorised; `circle_pose` explains the method.
 
 All arrays are (N,); a vector is three of them, so that no sum runs over an axis of length three.
 """

@@ -1,9 +1,8 @@
-"""One circle's two poses with plain Python floats: the method of `circle_pose`, where a vectorised call costs more in
-overhead than in arithmetic.
+"""Both poses of a single circle in plain Python floats, without the overhead of vectorised calls.
 
-Every step stands in the order of `circle_pose_batch`, so both give the same numbers up to a last sweep that a batch may
-take for the sake of its worst member. Whatever is not an ordinary problem is answered with None: the batch decides
-then, and it alone says what is wrong.
+The steps are those of `circle_pose_batch`, in the same order, so both give the same numbers up to a last sweep that a
+batch may take for its worst member. Degenerate and invalid input returns None: the batch then handles it and raises the
+errors.
 """
 
 from __future__ import annotations

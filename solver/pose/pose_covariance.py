@@ -1,4 +1,4 @@
-"""How far both poses of a circle may be off: the covariance of its ellipse and of the camera, carried to them.
+"""Covariance of both poses, propagated from the ellipse and from the camera.
 
 The image of the circle fixes its dual conic, K (c c^T + R^2 (n n^T - I)) K^T up to scale (errata, section 2, in other
 words). Its centre x and its shape M = S S^T are five numbers, the pose (n, c) has five degrees of freedom: with

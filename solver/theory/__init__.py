@@ -1,9 +1,9 @@
-"""The paper's theory in corrected form; no command needs it.
+"""The paper's theory in corrected form: functions for study and for scripts, which no command calls (docs/theory.md).
 
-conic_pencil: The pencil of a circle's image C and the image of the absolute conic, omega = K^-T K^-1: the paper's
+conic_pencil: The pencil of a circle's image and the image of the absolute conic, omega = K^-T K^-1: the paper's
     framework
-homography: The homography from the plane of a circle to the image, from the circle's image and the vanishing line
-    alone
-propositions: Which of the two lines is the vanishing line: the separation test of propositions 1 to 3, in image and
-    plane
+curvature_bias: Correction of the orthogonal-distance fit for its bias under isotropic noise
+homography: The homography of a circle's plane, from the circle's image and the vanishing line alone
+pose_region: Confidence regions of the normal and of the centre, from the covariance of a pose
+propositions: Propositions 1 to 3: the separation test for the vanishing line, in the image and in the plane
 """

@@ -1,4 +1,4 @@
-"""The pencil of a circle's image C and the image of the absolute conic, omega = K^-T K^-1: the paper's framework.
+"""The pencil of a circle's image and the image of the absolute conic, omega = K^-T K^-1: the paper's framework.
 
 Among the conics C - l omega three are degenerate, one for each generalised eigenvalue. The one of the middle eigenvalue
 is a pair of real lines: the vanishing line of the circle's plane, and the vanishing line of the other plane that

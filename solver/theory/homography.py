@@ -1,4 +1,4 @@
-"""The homography from the plane of a circle to the image, from the circle's image and the vanishing line alone.
+"""The homography of a circle's plane, from the circle's image and the vanishing line alone.
 
 Equation (1) of the paper in its corrected, general form (errata, section 1): no calibration enters, so it holds for any
 camera. H = S_I^-1 M S_P with

@@ -1,4 +1,4 @@
-"""Which of the two lines is the vanishing line: the separation test of propositions 1 to 3, in image and plane.
+"""Propositions 1 to 3: the separation test for the vanishing line, in the image and in the plane.
 
 The circle's plane has F, the foot of the perpendicular from the camera's centre (height d), and the circle (centre at
 ell from F, radius R). The virtual circle psi, the back-projected absolute conic, has the centre F and the radius i d.

@@ -13,11 +13,11 @@ from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, norma
 from roundel.scenes.markers.marker import Bar, Disc
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle, fit_centre
 from roundel.solver.ambiguity.disambiguation import choose
-from roundel.solver.ambiguity.observation import Sighting
+from roundel.solver.ambiguity.observation import Observation
 from roundel.solver.ambiguity.pattern_cue import orientation_tick, pattern_of, pattern_of_shapes
 from roundel.solver.ambiguity.viewing_cone import concentric_image, viewing_cone
 from roundel.solver.fit.ellipse import FailedFit
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 K = np.array([[600.0, 0.0, 79.5], [0.0, 600.0, 79.5], [0.0, 0.0, 1.0]])
@@ -35,12 +35,12 @@ def ellipse_of(pose, radius=0.5):
 def sighting_of(pose, image, sigma_px=0.01, focal_sigma=0.0):
     ellipse = ellipse_of(pose)
     normal = poses_from_ellipse(ellipse, K, 0.5).normal
-    assumed = AssumedCamera(CAMERA, focal_sigma, 0.0)
-    return Sighting(normal, None, ellipse, sigma_px**2 * np.eye(5), assumed, image, 0.7)
+    uncertain = UncertainCamera(CAMERA, focal_sigma, 0.0)
+    return Observation(normal, None, ellipse, sigma_px**2 * np.eye(5), uncertain, image, 0.7)
 
 
-def truth_of(sighting, pose):
-    return int(np.argmin(angle_deg(sighting.normal, pose[:3, 2])))
+def truth_of(observation, pose):
+    return int(np.argmin(angle_deg(observation.normal, pose[:3, 2])))
 
 
 def ring_image(pose, ratio, noise_dn=1.0, blur_px=0.7, **changes):
@@ -68,8 +68,8 @@ def patches(x, y):
 @pytest.mark.parametrize("ratio", [0.05, 0.5, 0.9])
 def test_concentric_circles_follow_from_cone_and_normal(ratio):
     pose = posed()
-    sighting = sighting_of(pose, None)
-    cone, i = viewing_cone(sighting), truth_of(sighting_of(pose, None), pose)
+    observation = sighting_of(pose, None)
+    cone, i = viewing_cone(observation), truth_of(sighting_of(pose, None), pose)
     centre, spread = concentric_image(cone.cone[0], cone.normal[0, i], K, ratio)
     exact = ellipse_of(pose, 0.5 * ratio)
     np.testing.assert_allclose(centre, exact[:2], atol=1e-8)  # rounding, times the cone's condition of some 1e4
@@ -80,9 +80,9 @@ def test_concentric_circles_follow_from_cone_and_normal(ratio):
 @pytest.mark.parametrize("ratio", [0.12, 0.6])
 def test_a_dot_or_a_ring_tells_the_pose(azimuth, ratio):
     pose = posed(azimuth=azimuth)
-    sighting = sighting_of(pose, ring_image(pose, ratio))
-    choice = choose(sighting, ConcentricCircle(ratio))
-    truth = truth_of(sighting, pose)
+    observation = sighting_of(pose, ring_image(pose, ratio))
+    choice = choose(observation, ConcentricCircle(ratio))
+    truth = truth_of(observation, pose)
     assert choice.chosen == truth
     assert choice.probability[truth] > 0.99
     assert "sigma from both predictions" in choice.basis
@@ -120,8 +120,8 @@ def test_a_small_signal_is_not_called_sure():
     pose = posed(distance=45.0, tilt=30.0)
     outcome = []
     for seed in range(8):
-        sighting = sighting_of(pose, ring_image(pose, 0.4, noise_dn=12.0, seed=seed), sigma_px=0.1)
-        outcome.append(choose(sighting, ConcentricCircle(0.4)).probability[truth_of(sighting, pose)])
+        observation = sighting_of(pose, ring_image(pose, 0.4, noise_dn=12.0, seed=seed), sigma_px=0.1)
+        outcome.append(choose(observation, ConcentricCircle(0.4)).probability[truth_of(observation, pose)])
     assert max(outcome) < 0.9
     assert min(outcome) > 0.1
 
@@ -131,8 +131,8 @@ def test_an_unsure_focal_length_makes_it_less_sure():
     image = ring_image(pose, 0.3, noise_dn=2.0)
     odds = []
     for focal_sigma in (0.0, 0.5):
-        sighting = sighting_of(pose, image, 0.03, focal_sigma)
-        p = choose(sighting, ConcentricCircle(0.3)).probability[truth_of(sighting, pose)]
+        observation = sighting_of(pose, image, 0.03, focal_sigma)
+        p = choose(observation, ConcentricCircle(0.3)).probability[truth_of(observation, pose)]
         odds.append(p / (1 - p))
     assert 1 < odds[1] < odds[0]
 
@@ -155,7 +155,7 @@ def test_what_is_not_there_says_nothing():
         assert choice.chosen is None
         assert "not" in choice.basis
         assert choose(sighting_of(pose, plain).normal, mark).probability == (0.5, 0.5)  # no image
-    beyond = Sighting(**{**vars(sighting_of(pose, plain)), "image": plain[:70, :70]})
+    beyond = Observation(**{**vars(sighting_of(pose, plain)), "image": plain[:70, :70]})
     assert choose(beyond, ConcentricCircle(0.3)).chosen is None
     assert choose(sighting_of(pose, plain), ConcentricCircle(0.95)).chosen is None
     assert isinstance(fit_centre(np.zeros((20, 20)), CAMERA, np.array([10, 10, 3, 2, 0.0]), 9, 3, 0.5), FailedFit)
@@ -164,9 +164,9 @@ def test_what_is_not_there_says_nothing():
 @pytest.mark.parametrize("azimuth", [0.0, 80.0, 170.0, -70.0])
 def test_a_pattern_tells_the_pose(azimuth):
     pose = posed(azimuth=azimuth, roll=azimuth / 2)
-    sighting = sighting_of(pose, drawn(patches, pose, noise_dn=2.0))
-    choice = choose(sighting, pattern_of(patches))
-    truth = truth_of(sighting, pose)
+    observation = sighting_of(pose, drawn(patches, pose, noise_dn=2.0))
+    choice = choose(observation, pattern_of(patches))
+    truth = truth_of(observation, pose)
     assert choice.chosen == truth
     assert choice.probability[truth] > 0.99
 
@@ -182,7 +182,7 @@ def test_a_pattern_of_shapes_is_the_same_as_its_function():
 def test_a_tick_alone_is_weak_and_says_so():
     pose = posed(tilt=50.0)
     image = drawn(lambda x, y: (x > 0.5) & (x < 0.9) & (np.abs(y) < 0.06), pose, noise_dn=1.0)
-    sighting = sighting_of(pose, image)
-    choice = choose(sighting, orientation_tick())
-    assert choice.probability[truth_of(sighting, pose)] > 0.3
+    observation = sighting_of(pose, image)
+    choice = choose(observation, orientation_tick())
+    assert choice.probability[truth_of(observation, pose)] > 0.3
     assert "orientation tick" in choice.basis

@@ -17,13 +17,13 @@ from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, minim
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
 from roundel.solver.ambiguity.disambiguation import GreatCirclePrior, NormalPrior, check_knowledge, choose
 from roundel.solver.ambiguity.normal_prior import on_ceiling, on_floor, on_wall, previous_normal
-from roundel.solver.ambiguity.observation import Evidence, Sighting, Verdict
+from roundel.solver.ambiguity.observation import Evidence, Observation, Verdict
 from roundel.solver.ambiguity.parse_prior import mark_of, parse_knowledge
 from roundel.solver.ambiguity.pattern_cue import Pattern
 from roundel.solver.ambiguity.vanishing_line_side import SideRule, _order
 from roundel.solver.ambiguity.viewing_cone import viewing_cone
 from roundel.solver.fit.ellipse import ellipse_of_shape, shape_of_ellipse
-from roundel.solver.intrinsics.uncertain_camera import AssumedCamera
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.pose.circle_pose import poses_from_conic, poses_from_ellipse
 
 K = np.array([[1016.0, 0.0, 639.5], [0.0, 1016.0, 359.5], [0.0, 0.0, 1.0]])
@@ -76,7 +76,7 @@ def exact_sighting(normal, centre_m, radius_m=0.5, **uncertain):
     ellipse = ellipse_of_conic(conic_of_circle(camera_from_marker_of(normal, centre_m), radius_m, K))
     poses = poses_from_ellipse(ellipse, K, radius_m)
     cov = uncertain.pop("shape_cov", None)
-    return Sighting(poses.normal, None, ellipse, cov, AssumedCamera(Camera(1280, 720, K), **uncertain))
+    return Observation(poses.normal, None, ellipse, cov, UncertainCamera(Camera(1280, 720, K), **uncertain))
 
 
 def phi(z):
@@ -93,11 +93,11 @@ def test_order_has_the_derivatives_of_the_cone(pose, distance):
     normal, centre = normal_of(tilt, azimuth), distance * np.array([x, y, 1.0])
     if normal @ centre > -0.3 * distance:
         return
-    sighting = exact_sighting(normal, centre)
-    if angle_deg(*sighting.normal) < 15:  # nearly one solution: the cone's steps then are no longer small
+    observation = exact_sighting(normal, centre)
+    if angle_deg(*observation.normal) < 15:  # nearly one solution: the cone's steps then are no longer small
         return
-    cone = viewing_cone(sighting)
-    g, gradient, _ = _order(sighting.ellipse, K)
+    cone = viewing_cone(observation)
+    g, gradient, _ = _order(observation.ellipse, K)
     numeric = cone.derivative(cone.side[:, 2])
     assert g == pytest.approx(cone.side[0, 2], abs=1e-9)
     # Central differences of steps 1e-4: their curvature is 1e-8 of a gap that may be a hundredth.
@@ -106,9 +106,9 @@ def test_order_has_the_derivatives_of_the_cone(pose, distance):
 
 
 def test_without_doubt_about_the_camera_the_rule_is_certain():
-    sighting = exact_sighting(normal_of(40, 30), np.array([2.0, 1.0, 10.0]))
-    assert choose(sighting, "same_side").probability == (1.0, 0.0)
-    assert choose(sighting, "opposite_side").probability == (0.0, 1.0)
+    observation = exact_sighting(normal_of(40, 30), np.array([2.0, 1.0, 10.0]))
+    assert choose(observation, "same_side").probability == (1.0, 0.0)
+    assert choose(observation, "opposite_side").probability == (0.0, 1.0)
 
 
 def test_the_papers_set_up_is_close_to_a_coin_flip():
@@ -120,8 +120,8 @@ def test_the_papers_set_up_is_close_to_a_coin_flip():
         ellipse = ellipse_of_conic(conic_of_circle(camera_from_marker_of(normal, centre), 0.5, k))
         poses = poses_from_ellipse(ellipse, k, 0.5)
         assert angle_deg(poses.normal[1], normal) < 1e-6  # E < 0 always: the separating line
-        assumed = AssumedCamera(Camera(1280, 720, k), 0.0, 1.0)
-        said = choose(Sighting(poses.normal, None, ellipse, None, assumed), "opposite_side").probability[1]
+        uncertain = UncertainCamera(Camera(1280, 720, k), 0.0, 1.0)
+        said = choose(Observation(poses.normal, None, ellipse, None, uncertain), "opposite_side").probability[1]
         assert said == pytest.approx(expected, abs=0.035)
         # And by simulation here: the principal point off by 1 px is the ellipse off by 1 px.
         generator = np.random.default_rng(1)
@@ -144,15 +144,17 @@ def test_guard_against_a_wrong_principal_point():
         centre = distance * np.array([*(offset / 1016.0), 1.0])
         if normal @ centre > -0.1 * distance:
             continue
-        sighting = exact_sighting(normal, centre, principal_sigma_px=20.0 / sqrt(2))
+        observation = exact_sighting(normal, centre, principal_sigma_px=20.0 / sqrt(2))
         turn = generator.uniform(0, 2 * np.pi)
-        moved = sighting.ellipse + np.array([20 * np.cos(turn), 20 * np.sin(turn), 0, 0, 0])
+        moved = observation.ellipse + np.array([20 * np.cos(turn), 20 * np.sin(turn), 0, 0, 0])
         seen = poses_from_ellipse(moved, K, 0.5).normal
-        before = int(np.argmin(angle_deg(sighting.normal, normal)))
+        before = int(np.argmin(angle_deg(observation.normal, normal)))
         right = int(np.argmin(angle_deg(seen, normal))) == before
         g, _, to_px = _order(moved, K)
         (near if g * to_px < 20 else far).append(right)
-        said.append(max(choose(Sighting(seen, None, moved, None, sighting.assumed), "same_side").probability))
+        said.append(
+            max(choose(Observation(seen, None, moved, None, observation.uncertain_camera), "same_side").probability)
+        )
         assert g * to_px < 20 or said[-1] > 0.9
     assert np.mean(near) == pytest.approx(0.70, abs=0.06)  # 400 cases: 2.3 % a sigma
     assert np.mean(far) > 0.995
@@ -175,9 +177,9 @@ def test_side_probability_is_calibrated():
         truth = int(np.argmin(angle_deg(poses_from_ellipse(exact, k, 0.5).normal, normal)))
         ellipse = ellipse_of_shape(shape_of_ellipse(exact) + 0.05 * generator.standard_normal(5))
         seen = poses_from_ellipse(ellipse, K, 0.5).normal
-        assumed = AssumedCamera(Camera(1280, 720, K), 0.115, 15.0)
+        uncertain = UncertainCamera(Camera(1280, 720, K), 0.115, 15.0)
         word = ("same_side", "opposite_side")[truth]
-        said.append(choose(Sighting(seen, None, ellipse, 0.05**2 * np.eye(5), assumed), word).probability[truth])
+        said.append(choose(Observation(seen, None, ellipse, 0.05**2 * np.eye(5), uncertain), word).probability[truth])
         right.append(int(np.argmin(angle_deg(seen, normal))) == truth)
     said, right = np.array(said), np.array(right)
     for low, high in ((0.5, 0.7), (0.7, 0.9), (0.9, 1.01)):
@@ -206,10 +208,10 @@ def test_a_prior_weighs():
 
 def test_the_candidates_own_errors_widen_a_prior():
     cov = np.zeros((2, 6, 6))
-    sharp = choose(Sighting(NORMALS, cov), NormalPrior(NORMALS[0], 8.0)).probability[0]
+    sharp = choose(Observation(NORMALS, cov), NormalPrior(NORMALS[0], 8.0)).probability[0]
     for i, n in enumerate(NORMALS):
         cov[i, 3:, 3:] = np.radians(30.0) ** 2 * (np.eye(3) - np.outer(n, n))
-    blunt = choose(Sighting(NORMALS, cov), NormalPrior(NORMALS[0], 8.0)).probability[0]
+    blunt = choose(Observation(NORMALS, cov), NormalPrior(NORMALS[0], 8.0)).probability[0]
     same = choose(NORMALS, NormalPrior(NORMALS[0], np.hypot(8.0, 30.0))).probability[0]
     assert blunt == pytest.approx(same, rel=1e-12)
     assert 0.5 < blunt < sharp
@@ -344,7 +346,7 @@ class Declared(Evidence):
     def problem(self) -> str:
         return ""
 
-    def verdict(self, sighting: Sighting) -> Verdict:
+    def verdict(self, observation: Observation) -> Verdict:
         return Verdict(self.log_odds, "declared")
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from roundel.scenes.geometry.conic import ellipse_points
-from roundel.solver.fit.curvature_bias import without_curvature_bias
 from roundel.solver.fit.ellipse import ellipse_of_shape, fit_ellipse
+from roundel.solver.theory.curvature_bias import without_curvature_bias
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.intrinsics.exif import ExifTags
-from roundel.solver.intrinsics.specification import assumed_camera_for, camera_for, focal_px_of, parse_intrinsics
+from roundel.solver.intrinsics.specification import camera_for, focal_px_of, parse_intrinsics, uncertain_camera_for
 
 K = np.array([[1280.0, 2.0, 600.0], [0.0, 1290.0, 350.0], [0.0, 0.0, 1.0]])
 CAMERA = Camera(1280, 720, K, (0.1, 0.0, 0.0, 0.0), focal_35mm_mm=28.0)
@@ -80,7 +80,7 @@ def test_calibrated(tmp_path):
 
 
 def assumed(text, camera=CAMERA, size=(1280, 720), exif=None):
-    return assumed_camera_for(parse_intrinsics(text), camera, *size, exif)
+    return uncertain_camera_for(parse_intrinsics(text), camera, *size, exif)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ell
 from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
 from roundel.solver.estimates import SCHEMA
 from roundel.solver.methods.locate import locate
-from roundel.solver.methods.registry import check_methods
+from roundel.solver.methods.registry import load_methods
 from roundel.solver.methods.roundel_fits import fit_points
 from roundel.solver.methods.solve import solve_dataset
 from roundel.validate.estimates.reader import read_estimates
@@ -265,7 +265,7 @@ def test_wrong_arguments(dataset, tmp_path):
     with pytest.raises(UsageError, match="did you mean direct"):
         solve_dataset(dataset, tmp_path / "out", methods=("dirct",))
     with pytest.raises(UsageError, match="no method"):
-        check_methods([])
+        load_methods([])
     with pytest.raises(UsageError, match="boards, discs, points"):
         solve_dataset(dataset, tmp_path / "out", groups=["disks"])
     with pytest.raises(UsageError, match="no frame with a circular marker"):

@@ -2,6 +2,7 @@
 
 import csv
 import importlib.util
+import json
 import shutil
 import subprocess
 import sys
@@ -18,7 +19,8 @@ from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
 from roundel.solver.methods.locate import locate
 from roundel.solver.methods.plugin import Found, View, check_found
-from roundel.solver.methods.registry import check_methods, finder_of, installed_methods, method_lines
+from roundel.solver.methods.registry import finder_of, installed_methods, load_methods, method_lines
+from roundel.solver.photos.photo_report import line_of
 from roundel.solver.photos.photographs import solve_photographs
 from roundel.solver.pose.circle_pose import poses_from_conic
 
@@ -68,6 +70,9 @@ def now_and_then(view):
         raise SystemExit(7)
     return [] if good.calls == 4 else [Found(ellipse=[160, 120, 40, 30, 0], confidence=0.5)]
 
+def one_pose(view):
+    return [Found(poses=POSE)]
+
 def lies(view):
     return [Found(poses=[(2 * POSE[0][0], POSE[0][1])])]
 
@@ -88,7 +93,7 @@ def install(site: Path, name: str, module: str, points: dict[str, str]) -> None:
 
 @pytest.fixture
 def site(tmp_path, monkeypatch):
-    points = {n: f"own_methods:{n}" for n in ("good", "now_and_then", "lies", "NOT_CALLABLE", "absent")}
+    points = {n: f"own_methods:{n}" for n in ("good", "now_and_then", "one_pose", "lies", "NOT_CALLABLE", "absent")}
     folder = tmp_path / "site"
     install(folder, "own_methods", OWN, {**points, "pixels": "own_methods:lies"})
     install(folder, "broken_methods", "import no_such_module\n", {"broken": "broken_methods:find", "twice": "a:b"})
@@ -142,7 +147,7 @@ def test_a_method_that_does_not_load_is_one_line(site, dataset, tmp_path, capsys
     assert sentence in said
     assert said.count("\n") == 1
     with pytest.raises(UsageError):
-        check_methods([name])
+        load_methods([name])
 
 
 def test_a_method_of_others_is_solved_and_scored(site, dataset, tmp_path, capsys):
@@ -221,9 +226,28 @@ def test_locate_takes_them_too(dataset):
     assert found[0].normal is None
 
 
-def test_photographs_take_fits_alone(tmp_path):
-    with pytest.raises(UsageError, match="--method blobs: it works on datasets; photographs take pixels"):
-        solve_photographs([tmp_path / "a.jpg"], tmp_path / "out", 0.08, methods=["blobs"])
+def test_photographs_take_them_too(site, dataset, tmp_path):
+    photo = tmp_path / "photo.png"
+    photo.write_bytes((dataset.path / dataset.images.records[0]["image"]).read_bytes())
+    methods = ["pixels", "blobs", "one_pose", "good", "lies"]
+    (result,) = solve_photographs([photo], tmp_path / "out", 0.08, methods=methods, intrinsics=["default"], linear=True)
+    assert result.status == "ok"
+    by_method = {e.method: e for e in result.estimates}
+    assert list(by_method) == methods
+    # The blob's centre is the ellipse's, within a pixel.
+    assert by_method["blobs"].centre_image == pytest.approx(by_method["pixels"].ellipse[:2], abs=1.0)
+    assert by_method["one_pose"].normal.shape == (1, 3)
+    assert by_method["good"].reason == "good: AssertionError"  # it asks for another camera
+    assert by_method["lies"].reason.startswith("lies: detection 0: its normal has length 2")
+    record = json.loads((tmp_path / "out" / "estimates.json").read_text())["photographs"][0]
+    shown = {e["method"]: e for d in record["detections"] for e in d["estimates"]}
+    assert len(shown["one_pose"]["candidates"]) == 1
+    assert shown["blobs"]["centre_image_px"] == pytest.approx(by_method["blobs"].centre_image.tolist())
+    # The overlay of a method that gives one pose, or a centre alone.
+    for name in ("one_pose", "blobs"):
+        (alone,) = solve_photographs([photo], tmp_path / name, 0.08, methods=[name], linear=True)
+        assert (tmp_path / name / alone.overlay).stat().st_size > 0
+        assert alone.file in line_of(alone)
 
 
 def test_a_grid_of_dots():

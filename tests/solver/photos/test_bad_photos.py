@@ -11,7 +11,7 @@ from PIL import Image
 
 from roundel.scenes.errors import DataError
 from roundel.solver.intrinsics.exif import ExifTags, focal_of_exif, read_exif
-from roundel.solver.methods.roundel_fits import look_at
+from roundel.solver.methods.roundel_fits import detect_circles
 from roundel.solver.photos.photo_file import read_photo
 
 
@@ -23,7 +23,7 @@ def test_real_numbers_beyond_all_light(tmp_path):
     photo = read_photo(path)
     assert photo.grey.min() >= 0.0
     assert photo.grey.max() <= photo.saturation_dn
-    assert look_at(photo.grey, photo.saturation_dn).detections == []
+    assert detect_circles(photo.grey, photo.saturation_dn).detections == []
 
 
 @pytest.mark.parametrize("size", [(1, 4), (0, 0), (0, 7), (7, 0), (2**31, 1)])

@@ -16,7 +16,7 @@ from roundel.solver.fit.ellipse import ellipse_of_shape, shape_of_ellipse
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.pose_covariance import poses_with_covariance
-from roundel.solver.pose.pose_region import normal_border, normal_region, position_region, quantile, squared_distances
+from roundel.solver.theory.pose_region import normal_border, normal_region, position_region, quantile, squared_distances
 
 K = np.array([[1280.0, 3.0, 639.5], [0.0, 1200.0, 359.5], [0.0, 0.0, 1.0]])
 RADIUS = 0.3

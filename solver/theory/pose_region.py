@@ -1,4 +1,4 @@
-"""Regions that hold the true normal or the true centre with a stated probability, from the covariance of a pose.
+"""Confidence regions of the normal and of the centre, from the covariance of a pose.
 
 Centre: an ellipsoid. Normal: to first order an ellipse on the sphere. But the normal's offset from the line of sight,
 as a complex number z, is the root of a number q that is linear in the ellipse; z^2 is Gaussian where z itself is bent.

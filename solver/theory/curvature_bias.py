@@ -1,4 +1,4 @@
-"""The bias of the orthogonal-distance fit under isotropic noise, taken out.
+"""Correction of the orthogonal-distance fit for its bias under isotropic noise.
 
 Noise along a curved contour carries points outward: at curvature k, noise of sigma px along the tangent leaves a point
 k sigma^2 / 2 outside on average. The fit follows; the ellipse comes out too large and its circle too near (the negative

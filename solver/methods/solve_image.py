@@ -1,0 +1,146 @@
+"""The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import Camera, distorts
+from roundel.solver.ambiguity.disambiguation import Knowledge
+from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.plugin import Finder, View
+from roundel.solver.methods.pose_estimate import estimate_of
+from roundel.solver.methods.registry import run_plugin
+from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points
+
+Array = NDArray[np.float64]
+Fits = list[EllipseFit | FailedFit]
+
+NO_CIRCLE = "no circle found"
+
+
+@dataclass(frozen=True, eq=False)
+class SolverInput:
+    """A frame to solve: an image, or edge points, and what is known of the camera and the marker.
+
+    Attributes
+    ----------
+    diameter_m : float
+        Outer diameter of the printed circles.
+    cameras : dict
+        A camera for each intrinsics label.
+    grey : (H, W) array or None
+        Grey levels, linear in the light; None where there are only points.
+    saturation_dn : float
+        The level at which they saturate.
+    points_px : list of (N, 2) arrays
+        Edge points of each circle, where there is no image.
+    view : callable or None
+        The delivered image for a third-party method, with a camera: a new copy at each call. None where there is none.
+    frame_id : int
+    """
+
+    diameter_m: float
+    cameras: Mapping[str, UncertainCamera]
+    grey: NDArray[Any] | None = None
+    saturation_dn: float = 255.0
+    points_px: tuple[Array, ...] = ()
+    view: Callable[[Camera], View] | None = None
+    frame_id: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedFrame:
+    """Estimates of one frame, the number of circles that Roundel's detector found, and the time it took.
+
+    `detections` counts those of the first method and the first camera where no method of Roundel's own ran.
+    """
+
+    estimates: list[Estimate]
+    detections: int
+    detect_s: float
+    pose_s: float
+
+
+def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowledge: Knowledge = None) -> SolvedFrame:
+    """Every circle of a frame, with every method and every camera.
+
+    Roundel's own methods share one detection, and cameras that undistort alike share one fit. A method that finds
+    nothing leaves one failed estimate for each camera, whose `detection_id` is -1.
+
+    Parameters
+    ----------
+    given : SolverInput
+    methods : mapping
+        See `load_methods`.
+    knowledge : str, Evidence, a sequence of them, or None
+        See `choose`.
+    """
+    started = time.perf_counter()
+    fitted = [name for name, finder in methods.items() if finder is None]
+    fits, about = _fits(given, fitted) if fitted and given.cameras else ({}, [])
+    middle = time.perf_counter()
+    estimates: list[Estimate] = []
+    for name, finder in methods.items():
+        for label, camera in given.cameras.items():
+            if finder is None:
+                estimates += _poses(given, fits[name, label], about, knowledge, (name, label))
+            elif given.view is None:
+                key = EstimateKey(given.frame_id, NOT_FOUND, name, label)
+                estimates.append(Estimate(*key, "failed", f"{name}: needs an image, and there are only points"))
+            else:
+                estimates += run_plugin(
+                    name, finder, given.view(camera.camera), camera, knowledge, given.frame_id, label
+                )
+    ended = time.perf_counter()
+    first = (fitted or [*methods])[0], next(iter(given.cameras), "")
+    found = {e.detection_id for e in estimates if (e.method, e.intrinsics) == first} - {NOT_FOUND}
+    return SolvedFrame(estimates, len(found), middle - started, ended - middle)
+
+
+def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str], Fits], list[tuple[Any, Any]]]:
+    """The fits for each method and camera, one a detection, and for each detection what it is and its image."""
+    if given.grey is None:
+        points = given.points_px
+        return _shared(given, methods, lambda c, m: [fit_points(p, None, c, m) for p in points]), [(None, None)] * len(
+            points
+        )
+    seen = detect_circles(given.grey, given.saturation_dn)
+    found = seen.detections
+    fits = _shared(given, methods, lambda c, m: [fit_detection(seen, d, c, m) for d in found])
+    return fits, [(d, seen.grey) for d in found]
+
+
+def _shared(given: SolverInput, methods: list[str], fit: Callable[[Camera, str], Fits]) -> dict[tuple[str, str], Fits]:
+    """Cameras that undistort alike (none of them distorts, or K and lens model agree) share one fit."""
+    made: dict[Any, Fits] = {}
+    out = {}
+    for method in methods:
+        for label, uncertain in given.cameras.items():
+            camera, lens = uncertain.camera, None
+            if distorts(camera):
+                lens = (tuple(camera.K.ravel().tolist()), camera.distortion_model, camera.distortion)
+            if (method, lens) not in made:
+                made[method, lens] = fit(camera, method)
+            out[method, label] = made[method, lens]
+    return out
+
+
+def _poses(
+    given: SolverInput, fits: Fits, about: list[tuple[Any, Any]], knowledge: Knowledge, of: tuple[str, str]
+) -> list[Estimate]:
+    camera = given.cameras[of[1]]
+    if not fits:
+        key = EstimateKey(given.frame_id, NOT_FOUND, *of)
+        return [Estimate(*key, "failed", NO_CIRCLE, camera=camera.camera)]
+    return [
+        estimate_of(fit, camera, given.diameter_m, knowledge, EstimateKey(given.frame_id, n, *of), detection, grey)
+        for n, (fit, (detection, grey)) in enumerate(zip(fits, about, strict=True))
+    ]
