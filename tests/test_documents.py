@@ -4,6 +4,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import roundel
@@ -88,3 +89,19 @@ def test_the_import_graph_is_of_this_tree(generators) -> None:
         target.startswith("validate") for name in graph if name.startswith("solver") for target in graph[name]
     )
     assert draw_graph(HOUSE).count("<rect") == len(graph) + 1
+
+
+def test_the_example_of_the_theory_page_runs(capsys) -> None:
+    page = (HOUSE / "docs" / "theory.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.S)
+    scope: dict[str, object] = {}
+    exec(code, scope)
+    pencil, both = scope["pencil"], roundel.poses_from_conic(scope["conic"], scope["K"], 0.04)
+    np.testing.assert_allclose(pencil.normal, both.normal, atol=1e-9)
+    assert "[False  True]" in capsys.readouterr().out
+    # The homography carries the circle to its image.
+    t = np.linspace(0, 6, 7)
+    plane = np.stack([0.04 * np.cos(t), 0.04 * np.sin(t), np.ones(7)])
+    image = scope["H"] @ plane
+    image /= np.linalg.norm(image, axis=0)
+    np.testing.assert_allclose(np.sum(image * (scope["conic"] @ image), axis=0), 0, atol=1e-9)
