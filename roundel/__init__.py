@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from roundel.render.run import render_study
     from roundel.scenes.camera.model import Camera
     from roundel.scenes.errors import DataError, NotComparableError, RoundelError, StudyError, UsageError
-    from roundel.scenes.geometry.conic import conic_of_circle
+    from roundel.scenes.geometry.conic import Ellipse, conic_of_circle, conic_of_ellipse, ellipse_of_conic
     from roundel.scenes.study.study import Study, load_study
     from roundel.solver.estimates import Estimate
     from roundel.solver.methods.locate import locate
@@ -36,6 +36,7 @@ __all__ = [
     "CirclePoses",
     "DataError",
     "Dataset",
+    "Ellipse",
     "Estimate",
     "NotComparableError",
     "RoundelError",
@@ -44,6 +45,8 @@ __all__ = [
     "UsageError",
     "__version__",
     "conic_of_circle",
+    "conic_of_ellipse",
+    "ellipse_of_conic",
     "load_study",
     "locate",
     "normal_error_deg",
@@ -62,6 +65,7 @@ _MODULES = {
     "CirclePoses": "solver.pose.circle_pose",
     "DataError": "scenes.errors",
     "Dataset": "datasets.dataset",
+    "Ellipse": "scenes.geometry.conic",
     "Estimate": "solver.estimates",
     "NotComparableError": "scenes.errors",
     "RoundelError": "scenes.errors",
@@ -69,6 +73,8 @@ _MODULES = {
     "StudyError": "scenes.errors",
     "UsageError": "scenes.errors",
     "conic_of_circle": "scenes.geometry.conic",
+    "conic_of_ellipse": "scenes.geometry.conic",
+    "ellipse_of_conic": "scenes.geometry.conic",
     "load_study": "scenes.study.study",
     "locate": "solver.methods.locate",
     "normal_error_deg": "validate.metrics.pose_errors",
