@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import NORMAL, column
@@ -230,9 +230,11 @@ def crossing(levels: list[float], values: Array, reference: int, factor: float =
     return min(found, key=lambda f: abs(f[0] - reference))[1] if found else None
 
 
-def is_logarithmic(levels: list[float]) -> bool:
-    """Whether levels are better shown, and interpolated, by their logarithm."""
-    return min(levels) > 0 and max(levels) >= 10 * min(levels)
+def is_logarithmic(values: ArrayLike) -> bool:
+    """Whether values are better shown, and interpolated, by their logarithm: all positive, over a decade or more."""
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    return bool(known.min() > 0 and known.max() >= 10 * known.min())
 
 
 def sweep_summary(sweeps: list[Sweep]) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ calibration: Figures of calibrations: projection error over the image, beside th
 calibration_benefit: Figure of the benefit of a calibration: errors over distance, tilt and offset from the axis
 error_curves: The paper's figure: errors over distance, a panel for each tilt
 errors_by_variable: Every variable against every error: a matrix of small plots
+log_ticks: Logarithmic axes with a few plain numbers as ticks, whose labels do not overlap
 overlays: The worst frames: image crops with the true contour and the estimated ellipse
 robustness: Figures of sweeps: error over the level of a nuisance, with its interval and bound
 side_by_side: Runs side by side: a figure of their errors, and paired comparisons on shared frames

@@ -12,6 +12,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.validate.claims.robustness import is_logarithmic
+from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg
 from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric, column
 from roundel.validate.scores.summary import select
@@ -140,7 +142,7 @@ def _bins(values: Array) -> list[NDArray[np.int64]]:
         return [known[np.round(values[known], 6) == level] for level in levels]
     count = int(np.clip(len(known) // (2 * _MIN_IN_BIN), 3, _MAX_BINS))
     bins: list[NDArray[np.int64]] = []
-    drawn = np.log(values) if _is_logarithmic(values) else values
+    drawn = np.log(values) if is_logarithmic(values) else values
     apart = _APART * np.ptp(drawn[known])
     for rows in np.array_split(known[np.argsort(values[known], kind="stable")], count):
         if bins and np.median(drawn[rows]) - np.median(drawn[bins[-1]]) < apart:
@@ -171,21 +173,13 @@ def _misses(axes: Axes, values: Array, solved: NDArray[np.bool_], bins: list[NDA
     axes.plot(x, [100 * np.mean(~solved[rows]) for rows in bins], color=colour(1), lw=1.4, marker="s", ms=2.5)
 
 
-def _is_logarithmic(values: Array) -> bool:
-    known = values[np.isfinite(values)]
-    return bool(known.min() > 0 and known.max() > 10 * known.min())
-
-
 def _scale_x(axes: Axes, values: Array) -> None:
-    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+    from matplotlib.ticker import MaxNLocator
 
     known = values[np.isfinite(values)]
-    if _is_logarithmic(values):
+    if is_logarithmic(known):
         axes.set_xscale("log")
-        # A panel is narrow: decades alone, where there are two of them.
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if known.max() > 30 * known.min() else (1.0, 3.0)))
-        axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_locator(NullLocator())
+        set_log_ticks(axes.xaxis, float(known.min()), float(known.max()), most=3)
     else:
         axes.xaxis.set_major_locator(MaxNLocator(3))
 

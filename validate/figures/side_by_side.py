@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
 from roundel.validate.scores.comparisons import shared_rows
@@ -80,6 +81,7 @@ def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]
             at.set_xlabel(error.label)
             if middles and min(middles) > 0 and max(middles) > 8 * min(middles):
                 at.set_xscale("log")
+                set_log_ticks(at.xaxis, *at.get_xlim())
             else:
                 at.set_xlim(left=0)
         axes[0].set_yticks(range(len(shown)), [legend_text(e.label) for e in shown])

@@ -27,6 +27,15 @@ pytestmark = [
 ]
 
 FRAMES = 1000
+# Words of table headers that stand on more than one line.
+BROKEN_WORDS = """() => [...document.querySelectorAll('th')].flatMap(th => {
+  const broken = [], walker = document.createTreeWalker(th, NodeFilter.SHOW_TEXT);
+  for (let node; (node = walker.nextNode());) for (const word of node.data.matchAll(/\\S+/g)) {
+    const range = document.createRange();
+    range.setStart(node, word.index); range.setEnd(node, word.index + word[0].length);
+    if (new Set([...range.getClientRects()].map(r => Math.round(r.top))).size > 1) broken.push(word[0]);
+  }
+  return broken })"""
 MAX_BYTES, MAX_SECONDS = 5_000_000, 2.0
 
 STUDY = POINTS.replace("{grid: [15, 30, 45]}", "{uniform: [15, 45]}").replace(
@@ -153,9 +162,20 @@ def test_it_prints(report: Path, browser: Any, tmp_path: Path) -> None:
     visit.page.set_viewport_size({"width": 703, "height": 900})
     wide = "[...document.querySelectorAll('table, svg, pre')].filter(e => e.getBoundingClientRect().right > 704).length"
     assert visit.page.evaluate(wide) == 0
+    assert visit.page.evaluate(BROKEN_WORDS) == []
     pdf = visit.page.pdf(path=tmp_path / "report.pdf", format="A4")
     assert pdf.startswith(b"%PDF")
     assert visit.said == []
+    visit.context.close()
+
+
+def test_a_capture_of_the_whole_page_has_every_figure(report: Path, browser: Any) -> None:
+    visit = Visit(browser, scripts=True)
+    visit.open(report)
+    skipped = (
+        "[...document.querySelectorAll('*')].filter(e => getComputedStyle(e).contentVisibility != 'visible').length"
+    )
+    assert visit.page.evaluate(skipped) == 0
     visit.context.close()
 
 
