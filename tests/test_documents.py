@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import roundel
+from roundel.datasets.layout.truth_table import TRUTH_COLUMNS
 from roundel.scenes.study.schema import json_schema
 
 HOUSE = Path(__file__).resolve().parents[1]
@@ -63,6 +64,15 @@ def test_the_study_page_has_every_key(generators) -> None:
     sections = [schema, *schema["$defs"].values()]
     keys = {key for section in sections for key in section.get("properties", {})} - {"groups", "preset"}
     assert {key for key in keys if f"| `{key}` |" not in page} == set()
+
+
+def test_the_columns_page_has_every_column_of_the_truth(generators) -> None:
+    from column_pages import columns_page
+
+    page = columns_page()
+    for columns in TRUTH_COLUMNS:
+        assert f"| `{columns.names[0]}`" in page
+        assert columns.meaning in page
 
 
 def test_the_command_page_has_every_verb(generators) -> None:

@@ -3,68 +3,96 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 _F = pa.float64()
+_INT, _TEXT, _LIST = pa.int64(), pa.string(), pa.list_(_F)
 
 
-def _xyz(prefix: str, suffix: str = "") -> list[tuple[str, pa.DataType]]:
-    return [(f"{prefix}_{axis}{suffix}", _F) for axis in "xyz"]
+class TruthColumns(NamedTuple):
+    """Columns of one quantity: their names, type and unit, what they mean, and whether boards have them."""
+
+    names: tuple[str, ...]
+    type: pa.DataType
+    unit: str
+    meaning: str
+    boards: bool = True
 
 
-def _matrix(name: str) -> list[tuple[str, pa.DataType]]:
-    return [(f"{name}_{i}{j}", _F) for i in range(4) for j in range(4)]
+def _xyz(prefix: str, suffix: str = "") -> tuple[str, ...]:
+    return tuple(f"{prefix}_{axis}{suffix}" for axis in "xyz")
 
 
-TRUTH_SCHEMA = pa.schema(
-    [
-        ("frame_id", pa.int64()),
-        ("marker_id", pa.int64()),
-        ("group", pa.string()),
-        ("kind", pa.string()),
-        ("radius_m", _F),
-        *_matrix("camera_from_marker"),
-        *_xyz("normal"),
-        *_xyz("centre", "_m"),
-        ("distance_m", _F),
-        ("distance_D", _F),
-        ("tilt_deg", _F),
-        ("azimuth_deg", _F),
-        *[(f"conic_{ij}", _F) for ij in ("00", "01", "02", "11", "12", "22")],
-        *[(f"ellipse_{n}", _F) for n in ("x_px", "y_px", "a_px", "b_px", "angle_deg")],
-        ("centre_image_x_px", _F),
-        ("centre_image_y_px", _F),
-        *[(f"vanishing_line_{i}", _F) for i in range(3)],
-        *_xyz("other_normal"),
-        *_xyz("other_centre", "_m"),
-        ("contour_x_px", pa.list_(_F)),
-        ("contour_y_px", pa.list_(_F)),
-        ("visible_fraction", _F),
-        ("edge_contrast_dn", _F),
-        ("edge_noise_dn", _F),
-        ("edge_blur_px", _F),
-        *_matrix("open_camera_from_marker"),
-        *_matrix("close_camera_from_marker"),
-        ("flags", pa.string()),
-    ]
-)
+def _matrix(name: str, rows: int = 4) -> tuple[str, ...]:
+    return tuple(f"{name}_{i}{j}" for i in range(rows) for j in range(4))
+
+
+TRUTH_COLUMNS = (
+    TruthColumns(("frame_id",), _INT, "", "the frame, as in cameras.json"),
+    TruthColumns(("marker_id",), _INT, "", "marker 0 is the first of the sheet"),
+    TruthColumns(("group", "kind"), _TEXT, "", "group of the study; kind of the marker"),
+    TruthColumns(("radius_m",), _F, "m", "outer radius", boards=False),
+    TruthColumns(_matrix("camera_from_marker"), _F, "m", "4x4 matrix of the pose of record"),
+    TruthColumns(_xyz("normal"), _F, "1", "unit normal out of the printed face, camera frame"),
+    TruthColumns(_xyz("centre", "_m"), _F, "m", "centre of the marker, camera frame"),
+    TruthColumns(("distance_m",), _F, "m", "from the camera centre to the marker's centre"),
+    TruthColumns(("distance_D",), _F, "D", "the same in marker diameters", boards=False),
+    TruthColumns(("tilt_deg", "azimuth_deg"), _F, "deg", "angles of the normal, from the optical axis"),
+    TruthColumns(
+        tuple(f"conic_{ij}" for ij in ("00", "01", "02", "11", "12", "22")), _F, "",
+        "upper triangle of the conic, undistorted; unit Frobenius norm, positive inside", boards=False,
+    ),
+    TruthColumns(("ellipse_x_px", "ellipse_y_px"), _F, "px", "centre of the ellipse, undistorted", boards=False),
+    TruthColumns(("ellipse_a_px", "ellipse_b_px"), _F, "px", "semi-axes, a >= b", boards=False),
+    TruthColumns(("ellipse_angle_deg",), _F, "deg", "major axis, from +x toward +y, in [0, 180)", boards=False),
+    TruthColumns(
+        ("centre_image_x_px", "centre_image_y_px"), _F, "px", "image of the marker's centre, **distorted**"
+    ),
+    TruthColumns(
+        tuple(f"vanishing_line_{i}" for i in range(3)), _F, "", "vanishing line of the plane, K^-T normal, unit norm"
+    ),
+    TruthColumns(_xyz("other_normal"), _F, "1", "normal of the second, false candidate", boards=False),
+    TruthColumns(_xyz("other_centre", "_m"), _F, "m", "centre of the second, false candidate", boards=False),
+    TruthColumns(
+        ("contour_x_px", "contour_y_px"), _LIST, "px", "256 points of the outline, **distorted**; a board's rectangle"
+    ),
+    TruthColumns(("visible_fraction",), _F, "1", "share of the marker's area inside the image"),
+    TruthColumns(
+        ("edge_contrast_dn",), _F, "dn of the file",
+        "absolute difference of the mean levels within 4 px inside and outside the edge, of colours the mean of their "
+        "channels; null in points mode, or where a side is not in the image", boards=False,
+    ),
+    TruthColumns(
+        ("edge_noise_dn",), _F, "dn of the file",
+        "RMS noise of a pixel at these two levels, as in `noise_dn` of the radiance; null likewise", boards=False,
+    ),
+    TruthColumns(
+        ("edge_blur_px",), _F, "px",
+        "standard deviation of the blur along one axis, two axes averaged: pixel area, defocus, diffraction, motion",
+    ),
+    TruthColumns(_matrix("open_camera_from_marker"), _F, "m", "pose when the shutter opens"),
+    TruthColumns(_matrix("close_camera_from_marker"), _F, "m", "pose when the shutter closes"),
+    TruthColumns(("flags",), _TEXT, "", "flags of the frame and of this marker, comma-separated; empty without any"),
+)  # fmt: skip
+
+TRUTH_SCHEMA = pa.schema([(name, columns.type) for columns in TRUTH_COLUMNS for name in columns.names])
 
 # The last row of a rigid pose, 0 0 0 1, is left out.
 ROWS_SCHEMA = pa.schema(
     [
-        ("frame_id", pa.int64()),
-        ("marker_id", pa.int64()),
-        ("row", pa.int64()),
+        ("frame_id", _INT),
+        ("marker_id", _INT),
+        ("row", _INT),
         ("time_s", _F),
-        *[(f"camera_from_marker_{i}{j}", _F) for i in range(3) for j in range(4)],
+        *[(name, _F) for name in _matrix("camera_from_marker", rows=3)],
     ]
 )
 
-POINTS_SCHEMA = pa.schema([("frame_id", pa.int64()), ("marker_id", pa.int64()), ("x_px", _F), ("y_px", _F)])
+POINTS_SCHEMA = pa.schema([("frame_id", _INT), ("marker_id", _INT), ("x_px", _F), ("y_px", _F)])
 
 
 def truth_table(rows: list[dict[str, Any]]) -> pa.Table:

@@ -1,10 +1,11 @@
-"""Columns of scores.parquet and of a file of estimates, from the lists in the code that write and read them."""
+"""Columns of scores, truth and a file of estimates, from the lists in the code that write and read them."""
 
 from __future__ import annotations
 
 
 def columns_page() -> str:
     """The page as Markdown."""
+    from roundel.datasets.layout.truth_table import TRUTH_COLUMNS
     from roundel.validate.estimates.schema import columns_markdown
     from roundel.validate.metrics.metric import METRICS, SHIFT_X, SHIFT_Y
 
@@ -21,5 +22,16 @@ def columns_page() -> str:
         lines.append(
             f"| `{metric.column}` | {metric.title} | {metric.unit} | {metric.frame} | {definition} | {bound} |"
         )
+    lines += [
+        "", "## truth.parquet", "",
+        "The key is `(frame_id, marker_id)`, and rows are in that order. Matrices have one column for each element,",
+        "suffix row then column, counted from 0.", "",
+        "| column | type | unit | meaning | boards |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for columns in TRUTH_COLUMNS:
+        names = [f"`{name}`" for name in columns.names]
+        shown = ", ".join(names) if len(names) <= 6 else f"{names[0]} .. {names[-1]}"
+        boards = "" if columns.boards else "null"
+        lines.append(f"| {shown} | {columns.type} | {columns.unit} | {columns.meaning} | {boards} |")
     lines += ["", "## A file of estimates", "", columns_markdown(), ""]
     return "\n".join(lines)
