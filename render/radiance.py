@@ -32,6 +32,7 @@ _FEW = 0.05
 
 # Streams of random numbers: the pilot's must not be the picture's.
 _PILOT, _PICTURE = 0, 1
+_PATHS = 0x5BD1E995
 
 Array32 = NDArray[np.float32]
 
@@ -140,7 +141,7 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     row = index // width
     column = index - row * width
     ray, weight = shoot(dr, mi, shot.optics, column, row, sampler)
-    radiance, depth, on_plane, x_m, y_m = shot.tracer(sampler, ray)
+    radiance, depth, on_plane, x_m, y_m = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
     quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, dr.select(on_plane, depth, 0.0)]
     quantities += [mi.Float(_covers(dr, mi, part, x_m, y_m) & on_plane) for part in parts]
     # Evaluated together: left to itself each sum would trace all the rays again.
@@ -149,6 +150,18 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     scatter = dr.block_sum(quantities[0], per_replicate) / per_replicate - dr.repeat(mean, REPLICATES)
     variance = dr.block_sum(dr.square(scatter), REPLICATES) / (REPLICATES * (REPLICATES - 1))
     return np.stack([np.array(plane, dtype=np.float32) for plane in (mean, variance, *others)])
+
+
+def _path_sampler(shot: _Shot, sampler: Any, seed: int, rays: int) -> Any:
+    """The random numbers of a ray's further way: stratified ones in a plain frame.
+
+    A path in a world takes dozens, whose stratification costs more time than it saves noise (measured).
+    """
+    if shot.frame.surroundings is None:
+        return sampler
+    plain = shot.mi.load_dict({"type": "independent", "sample_count": 1})
+    plain.seed(shot.dr.opaque(shot.mi.UInt32, seed ^ _PATHS), rays)
+    return plain
 
 
 def _through_filter(dr: Any, mi: Any, frame: Frame, radiance: Any, column: Any, row: Any) -> Any:

@@ -21,6 +21,8 @@ from roundel.scenes.world.frame import Frame
 
 PILOT_SAMPLES = 64
 _LATTICE = 2
+# A world is noisy everywhere and alike over neighbours; its pilot is as dear as its picture.
+_WORLD_LATTICE = 4
 _LATTICE_SAMPLES = 8
 
 # The border of the sheet is no marker, and a smooth area no edge: they may err this much more.
@@ -40,9 +42,9 @@ def _has_structure(frame: Frame) -> bool:
     return rough or barrel or not is_plain(frame) or spread_px(frame.camera)[1] > frame.settings.render.band_px
 
 
-def _tier(samples: NDArray[np.float64]) -> NDArray[np.int64]:
+def _tier(samples: NDArray[np.float64], tiers: NDArray[np.int64] = _TIERS) -> NDArray[np.int64]:
     """Counts rounded up to the next tier."""
-    return np.asarray(_TIERS[np.minimum(np.searchsorted(_TIERS, samples), len(_TIERS) - 1)], dtype=np.int64)
+    return np.asarray(tiers[np.minimum(np.searchsorted(tiers, samples), len(tiers) - 1)], dtype=np.int64)
 
 
 def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.int64]:
@@ -86,19 +88,28 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
                 _tier(wanted), max(render.samples, min(PILOT_SAMPLES, most)), max(render.samples, most)
             )
         if _has_structure(frame):
-            elsewhere = _elsewhere(frame, estimate, target2)
+            elsewhere = _elsewhere(frame, estimate, _smooth_target(frame) * white)
             counts = np.where(near, counts, np.maximum(counts, elsewhere))
     return counts.ravel()
 
 
-def _elsewhere(frame: Frame, estimate: Estimate, target2: float) -> NDArray[np.int64]:
+def _smooth_target(frame: Frame) -> float:
+    """Standard error wanted away from edges, as a fraction of white."""
+    render = frame.settings.render
+    if frame.surroundings is not None:
+        return float(render.background_error)
+    return _SMOOTH_FACTOR * float(render.target_error)
+
+
+def _elsewhere(frame: Frame, estimate: Estimate, target: float) -> NDArray[np.int64]:
     """Counts (H, W) from a thin pilot of the whole frame: shadows, highlights, clutter, the noise of a map."""
     height, width = frame.camera.height_px, frame.camera.width_px
-    rows, columns = np.arange(0, height, _LATTICE), np.arange(0, width, _LATTICE)
+    step = _WORLD_LATTICE if frame.surroundings is not None else _LATTICE
+    rows, columns = np.arange(0, height, step), np.arange(0, width, step)
     pixels = (rows[:, None] * width + columns).ravel()
     _, variances = estimate(pixels, _LATTICE_SAMPLES).reshape(2, len(rows), len(columns)).astype(np.float64)
     # One sample a replicate: smoothed over 3 x 3 of the lattice, then spread, so that no edge falls between two pilots.
     variance = maximum_filter(uniform_filter(variances, 3), 3)
-    wanted = _LATTICE_SAMPLES * variance / (target2 * _SMOOTH_FACTOR**2)
+    wanted = _LATTICE_SAMPLES * variance / target**2
     counts = np.minimum(_tier(wanted), max(_MOST_SMOOTH, frame.settings.render.samples))
-    return np.repeat(np.repeat(counts, _LATTICE, axis=0), _LATTICE, axis=1)[:height, :width]
+    return np.repeat(np.repeat(counts, step, axis=0), step, axis=1)[:height, :width]

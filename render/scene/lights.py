@@ -10,6 +10,7 @@ from roundel.render.scene.light_map import map_emitter
 from roundel.render.scene.materials import placed_opaquely
 from roundel.scenes.errors import UsageError
 from roundel.scenes.study.light_section import AreaLampSection, Lamp, PointLampSection, SkySection
+from roundel.scenes.surroundings.bodies import Surroundings
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.lamps import camera_from_lamp, irradiance_of, luminance_of
 
@@ -19,7 +20,10 @@ _LEAST_SHARE = 0.1
 
 def needs_colour(frame: Frame) -> bool:
     """Whether a frame needs a variant with colours: a mosaic sees them, and a sky is made of them."""
-    return frame.settings.sensor.mosaic != "none" or frame.settings.light.sky is not None
+    sky = frame.settings.light.sky is not None or (
+        frame.surroundings is not None and frame.surroundings.sun is not None
+    )
+    return frame.settings.sensor.mosaic != "none" or sky
 
 
 def in_colour(mi: Any) -> bool:
@@ -69,6 +73,26 @@ def emitters(mi: Any, frame: Frame) -> dict[str, Any]:
         radiance = spectrum(mi, light.environment, light.environment_colour)
         found["environment"] = {"type": "constant", "radiance": radiance, **weight}
     return found
+
+
+def world_sky(mi: Any, around: Surroundings) -> dict[str, Any]:
+    """Sun and sky outdoors; nothing in a room, which is closed."""
+    if around.sun is None:
+        return {}
+    up = around.up
+    x = np.cross([0.0, 0.0, 1.0] if abs(up[2]) < 0.8 else [1.0, 0.0, 0.0], up)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, np.cross(up, x), up], axis=-1)
+    sky = {
+        "type": "sunsky",
+        "to_world": mi.ScalarTransform4f(pose),
+        "sun_direction": [float(v) for v in around.sun],
+        "turbidity": 3.5,
+        "sun_scale": 1.0,
+        "sky_scale": 1.0,
+    }
+    return {"environment": sky}
 
 
 def _share(frame: Frame, index: int) -> float:

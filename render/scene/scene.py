@@ -12,12 +12,19 @@ from typing import Any
 import numpy as np
 
 from roundel.render.scene import ink
-from roundel.render.scene.lights import emitters, unit_of
+from roundel.render.scene.bodies import WITNESSES, panel_shape, shape_of
+from roundel.render.scene.lights import emitters, unit_of, world_sky
 from roundel.render.scene.materials import occluders, placed_opaquely, surface
+from roundel.scenes.surroundings.bodies import Body, Surroundings
 from roundel.scenes.world.frame import Frame
 
 # The wall reaches this many marker distances to each side; beyond it the environment is seen.
 WALL_DISTANCES = 4.0
+# Reflections between light and camera in a world, if the study does not ask for more.
+WORLD_BOUNCES = 4
+_BELOW_M = 2e-6
+# One small body of each material is in every world, far under its ground: the kernel then is the same in all of them.
+_OUT_OF_SIGHT_M = 60.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,8 @@ def build_scene(mi: Any, frame: Frame) -> Built:
 
     texture = mi.load_dict({"type": ink.NAME})
     texture.paint(frame.sheet, frame.camera_from_sheet)
+    if frame.surroundings is not None:
+        return _world(mi, frame, frame.surroundings, texture)
     half = WALL_DISTANCES * float(np.linalg.norm(frame.camera_from_sheet[:3, 3]))
     plane = placed_opaquely(
         mi,
@@ -63,6 +72,50 @@ def build_scene(mi: Any, frame: Frame) -> Built:
     pointer = mi.ShapePtr(plane)
     dr.make_opaque(pointer)
     return Built(scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
+
+
+def _world(mi: Any, frame: Frame, around: Surroundings, texture: Any) -> Built:
+    """The sheet as a body among others."""
+    import drjit as dr
+
+    (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
+    placed = mi.ScalarTransform4f(frame.camera_from_sheet) @ mi.ScalarTransform4f().translate(
+        [(x0 + x1) / 2, (y0 + y1) / 2, 0.0]
+    )
+    half = [(x1 - x0) / 2, (y1 - y0) / 2]
+    plane = placed_opaquely(
+        mi,
+        {
+            "type": "rectangle",
+            "to_world": placed @ mi.ScalarTransform4f().scale([*half, 1.0]),
+            "print": surface(frame.settings.marker.surface, texture),
+        },
+    )
+    # The paper's body ends just below its face: two surfaces in one plane would hide each other by chance.
+    thick = around.sheet_thickness_m / 2
+    paper = {
+        "type": "cube",
+        "to_world": placed
+        @ mi.ScalarTransform4f().translate([0.0, 0.0, -thick - _BELOW_M])
+        @ mi.ScalarTransform4f().scale([*half, max(thick - _BELOW_M, 1e-5)]),
+        "bsdf": {"type": "diffuse", "reflectance": frame.sheet.paper},
+    }
+    things: dict[str, Any] = {}
+    for i, body in enumerate(around.bodies):
+        things[f"body_{i}"] = shape_of(mi, f"body_{i}", body)
+    for i, made in enumerate(WITNESSES):
+        place = np.eye(4)
+        place[:3, 3] = frame.camera_from_sheet[:3, 3] - _OUT_OF_SIGHT_M * around.up
+        things[f"witness_{i}"] = shape_of(mi, f"witness_{i}", Body("box", place, np.full(3, 1e-3), made))
+    for i, panel in enumerate(around.panels):
+        things[f"panel_{i}"] = panel_shape(mi, panel)
+    things |= world_sky(mi, around)
+    scene = mi.load_dict({"type": "scene", "plane": plane, "paper": paper, **things, **occluders(mi, frame)})
+    pointer = mi.ShapePtr(plane)
+    dr.make_opaque(pointer)
+    depth = max(frame.settings.render.bounces, WORLD_BOUNCES) + 1
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
+    return Built(scene, integrator, texture, pointer, dr.opaque(mi.Float, 1.0))
 
 
 def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, Any, Any]:

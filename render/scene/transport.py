@@ -79,7 +79,8 @@ def is_plain(frame: Frame) -> bool:
     light = frame.settings.light
     areas = [lamp for lamp in light.lamps if isinstance(lamp, AreaLampSection)]
     return (
-        frame.settings.marker.surface.kind == "matte"
+        frame.surroundings is None
+        and frame.settings.marker.surface.kind == "matte"
         and frame.settings.render.bounces == 1
         and not frame.settings.occluders
         and all(isinstance(lamp, AreaLampSection | PointLampSection) for lamp in light.lamps)

@@ -15,5 +15,6 @@ sensor_section: Keys of a sensor, in the terms of EMVA 1288 (release 4.0, linear
     file
 study: A study: what is rendered, solved and validated, read from YAML into checked sections
 values: Values of a study: a number, or a distribution that each frame draws from
+world_section: Keys of the world around the sheet
 yaml_reader: YAML 1.2 scalars with the line and column of every value
 """

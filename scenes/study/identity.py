@@ -12,6 +12,7 @@ from roundel.scenes.study.schema import SCHEMA_VERSION
 
 if TYPE_CHECKING:
     from roundel.scenes.study.study import Study
+    from roundel.scenes.surroundings.bodies import Surroundings
     from roundel.scenes.world.frame import Frame
 
 # How a study's numbers become frames: the order of grids, the low-discrepancy sequence, its scrambling, the seeds, how
@@ -57,8 +58,12 @@ def frame_numbers(frame: Frame) -> dict[str, Any]:
     dict
         `drawn`: {dotted key: value}, to nine significant digits; `level`; `seeds`: noise, rays, sensor, sheet;
         `K`: 9 values, px; `camera_from_sheet`: 16 values, lengths in m, both to nine decimals.
+        In a world also `up`, and `world`: a checksum of where everything stands.
     """
+    around = frame.surroundings
+    world = {} if around is None else {"up": _rounded(around.up), "world": _sha256(_placed(around))}
     return {
+        **world,
         "group": frame.group,
         "index": frame.index,
         "level": frame.level,
@@ -67,6 +72,13 @@ def frame_numbers(frame: Frame) -> dict[str, Any]:
         "K": _rounded(frame.camera.K),
         "camera_from_sheet": _rounded(frame.camera_from_sheet),
     }
+
+
+def _placed(around: Surroundings) -> list[Any]:
+    """Where everything of a world stands; places to a micrometre."""
+    bodies = [[b.shape, b.material.kind, *np.round(b.camera_from_body[:3], 6).ravel().tolist()] for b in around.bodies]
+    panels = [np.round(p.camera_from_panel[:3], 6).ravel().tolist() for p in around.panels]
+    return [around.support, bodies, panels]
 
 
 def frame_digest(frame: Frame) -> str:

@@ -18,6 +18,7 @@ from roundel.scenes.study.marker_section import CIRCULAR, Marker
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.sensor_section import SensorSection
 from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Spread, Tilt, Turn
+from roundel.scenes.study.world_section import WORLDS, WorldSection
 
 SCHEMA_VERSION = 1
 
@@ -73,6 +74,10 @@ class RenderSection(Section):
         description="standard error wanted of a pixel, as a fraction of the white sheet's radiance; it "
         "decides the number of rays. 0: band_samples everywhere near an edge",
     )
+    background_error: Positive = Field(
+        default=0.05,
+        description="standard error wanted of a pixel away from the print's edges, as a fraction of white; in a world",
+    )
     band_samples: int = Field(
         default=4096, ge=8, le=65_536, multiple_of=8, description="most rays per pixel where the image has structure"
     )
@@ -122,6 +127,7 @@ class GroupSection(Section):
     sensor: SensorSection = Field(default=SensorSection(), description="sensor and image file")
     render: RenderSection = Field(default=RenderSection(), description="number of rays, and what is kept")
     points: PointsSection = Field(default=PointsSection(), description="noise of points mode")
+    world: WorldSection = Field(default=WorldSection(), description="what stands around the sheet")
     sweep: SweepSection | None = Field(default=None, description="repeat the same frames at several values of one key")
 
     @cached_property
@@ -214,6 +220,10 @@ def json_schema() -> dict[str, Any]:
 
     for name in ("CameraSection", "PoseSection"):
         definitions[name] = relaxed(definitions[name])
+    properties["world"] = {
+        "anyOf": [{"enum": list(WORLDS)}, {"$ref": "#/$defs/WorldSection"}],
+        "description": "what stands around the sheet: a kind, or its keys",
+    }
     properties["preset"] = {"enum": preset_names(), "description": "keys that the study's own lie over"}
     overrides = {"type": "object", "properties": properties, "additionalProperties": False}
     return {

@@ -34,6 +34,7 @@ from roundel.scenes.study.yaml_reader import Marks, read_yaml
 DEFAULT_GROUP = "main"
 _SHARED = (
     "preset",
+    "world",
     "mode",
     "frames",
     "frames_per_cell",

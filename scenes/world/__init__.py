@@ -1,5 +1,6 @@
 """A frame: every number drawn, every object placed.
 
+cameras: Camera and motion of a frame, from sections of a study whose spreads are drawn
 frame: Frame i of a study, a pure function of (study, i): every number drawn, every object placed
 lamps: Geometry of lamps, shared by renderer and truth
 occluders: Flat occluders in front of the print: what they hide from the camera, in closed form

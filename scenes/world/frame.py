@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.film import FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import (
     THIN_LENS_DEG,
     Camera,
-    focal_at_focus_px,
     folds_inside_image,
-    principal_point_at_centre,
     ray_direction,
     sees_through_thin_lens,
 )
@@ -25,10 +22,13 @@ from roundel.scenes.errors import StudyError
 from roundel.scenes.geometry.conic import circle_points_m
 from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation, normal_of, transform_points
 from roundel.scenes.markers.marker import Part, Sheet
-from roundel.scenes.study.camera_section import CameraSection, MotionSection
 from roundel.scenes.study.sampling import draw, frame_count, frames_per_level, stream
 from roundel.scenes.study.schema import GroupSection, PoseSection
 from roundel.scenes.study.study import Study, validated
+from roundel.scenes.surroundings.bodies import Surroundings
+from roundel.scenes.surroundings.places import surroundings_of
+from roundel.scenes.surroundings.sheet_place import SheetPlace
+from roundel.scenes.world.cameras import camera_of, motion_of
 from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
 from roundel.scenes.world.sheets import sheet_of
@@ -61,6 +61,7 @@ class Frame:
     sheet_seed: int
     drawn: dict[str, float]
     folder: Path
+    surroundings: Surroundings | None = None
 
     def part_time_s(self, part: Part) -> float:
         """Mid-exposure of the row where the part's centre is imaged, in seconds after the first part's."""
@@ -93,68 +94,6 @@ def group_ranges(study: Study) -> dict[str, range]:
         ranges[name] = range(start, start + _count(study, name))
         start = ranges[name].stop
     return ranges
-
-
-def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
-    """The camera that a section with all spreads drawn describes."""
-    focus_m = section.focus_m if section.focus_m is not None else float("inf")
-    focal_px: float
-    focal_mm, pitch_um = section.focal_mm, section.pixel_pitch_um
-    if focal_mm is not None and pitch_um is not None:
-        focal_px = focal_at_focus_px(focal_mm, focus_m, pitch_um)
-    else:
-        assert section.focal_px is not None  # the schema wants one or the other
-        focal_px = section.focal_px
-    cx, cy = principal_point_at_centre(section.width_px, section.height_px)
-    cx = section.principal_point_x_px if section.principal_point_x_px is not None else cx
-    cy = section.principal_point_y_px if section.principal_point_y_px is not None else cy
-    aperture_m = 0.0
-    if section.f_number is not None and focal_mm is not None:
-        aperture_m = focal_mm * 1e-3 / section.f_number / 2
-    elif section.aperture_mm is not None:
-        aperture_m = section.aperture_mm * 1e-3 / 2
-    if section.diffraction and aperture_m == 0:
-        raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
-    # A phone writes whole millimetres, by the diagonal.
-    diagonal_px = float(np.hypot(section.width_px, section.height_px))
-    written = float(max(1, round(focal_px * FILM_DIAGONAL_MM / diagonal_px)))
-    return Camera(
-        width_px=section.width_px,
-        height_px=section.height_px,
-        K=np.array([[focal_px, section.skew_px, cx], [0.0, focal_px * section.aspect, cy], [0.0, 0.0, 1.0]]),
-        distortion=tuple(section.distortion),
-        aperture_radius_m=aperture_m,
-        focus_distance_m=focus_m,
-        focal_35mm_mm=section.focal_35mm_mm if section.focal_35mm_mm is not None else written,
-        distortion_model=section.distortion_model,
-        blades=section.blades,
-        blade_turn_deg=section.blade_turn_deg,
-        wavelengths_m=tuple(1e-9 * w for w in section.wavelengths_nm) if section.diffraction else (),
-        natural_vignetting=section.natural_vignetting,
-        barrel_radius_m=float("inf") if section.barrel_mm is None else section.barrel_mm * 1e-3 / 2,
-        barrel_length_m=section.barrel_length_mm * 1e-3,
-        pixel_side=float(np.sqrt(fill_factor)),
-    )
-
-
-def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> Motion:
-    """The motion that a section with all spreads drawn describes.
-
-    Raises
-    ------
-    ValueError
-        If the exposure is longer than the frame.
-    """
-    if section.exposure_s > section.frame_s:
-        raise ValueError(
-            f"exposure_s: {section.exposure_s:g} s is longer than the frame, {section.frame_s:g} s; expose shorter, or "
-            "give a longer frame_s"
-        )
-    twists = [
-        np.array([*twist.velocity_m_s, *np.radians(np.array(twist.rate_deg_s, dtype=np.float64))], dtype=np.float64)
-        for twist in (section.camera, section.marker)
-    ]
-    return Motion(section.exposure_s, section.readout_s / height_px, centre_row_px, *twists)
 
 
 def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
@@ -255,12 +194,32 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     )
     for part in sheet.parts:
         _check_in_view(frame, part, fail)
+    if settings.world.kind != "plain" and settings.mode == "images":
+        try:
+            frame = replace(frame, surroundings=_surroundings(frame, stream(study.seed, name, 5, index)))
+        except ValueError as error:
+            raise fail(f"world: {error}", "world") from error
     for check, key in ((_check_occluders, "occluders"), (_check_light, "light")):
         try:
             check(frame)
         except ValueError as error:
             raise fail(f"{key}.{error}", key) from error
     return frame
+
+
+def _surroundings(frame: Frame, seed: np.random.SeedSequence) -> Surroundings:
+    """The world around the sheet, from a stream of random numbers of its own: it changes no pose."""
+    (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
+    corners = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
+    outlines = np.concatenate([part_outline_in_sheet(part, 32) for part in frame.sheet.parts])
+    world = frame.settings.world
+    place = SheetPlace(
+        frame.camera_from_sheet,
+        transform_points(frame.camera_from_sheet, corners),
+        transform_points(frame.camera_from_sheet, outlines),
+        world.sheet_thickness_m,
+    )
+    return surroundings_of(world.kind, place, world.objects, np.random.default_rng(seed))
 
 
 def _camera(settings: GroupSection, fail: Fail) -> Camera:

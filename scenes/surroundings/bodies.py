@@ -1,0 +1,123 @@
+"""Bodies, materials and lights of a world as plain records: what a renderer needs to build it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Colour = tuple[float, float, float]
+
+# Shapes by name: half sizes are along the body's own axes; a cylinder's and a lathe's axis is Z.
+SHAPES = ("box", "sphere", "cylinder", "lathe", "tube")
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a body reflects.
+
+    Attributes
+    ----------
+    kind : str
+        `matte`, `plastic`, `metal`, `glass`, or a textured one: `wood`, `cardboard`, `plaster`, `brick`, `concrete`,
+        `fabric`.
+    colour : (r, g, b)
+        Linear reflectance; of a texture its mean.
+    roughness : float
+        GGX alpha of what shines.
+    seed : int
+        Of the texture.
+    """
+
+    kind: str
+    colour: Colour
+    roughness: float = 0.3
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A solid in the camera frame at time 0.
+
+    Attributes
+    ----------
+    shape : str
+        One of `SHAPES`.
+    camera_from_body : (4, 4) array
+        A rotation and a shift; the origin is the middle of the bounding box.
+    half_m : (3,) array
+        Half sides of the bounding box, metres.
+    material : Material
+    profile : (n, 2) array, optional
+        Of a lathe: (radius, z) from bottom to top; of a tube: see `path`.
+    path : (n, 3) array, optional
+        Of a tube: points along its middle; its radius is `radius_m`.
+    radius_m : float
+    """
+
+    shape: str
+    camera_from_body: Array
+    half_m: Array
+    material: Material
+    profile: Array | None = None
+    path: Array | None = None
+    radius_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A flat area light: its pose (Z is where it shines), half sides, radiance and colour."""
+
+    camera_from_panel: Array
+    half_m: tuple[float, float]
+    radiance: float
+    colour: Colour = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Everything around a sheet.
+
+    Attributes
+    ----------
+    up : (3,) array
+        Against gravity, in the camera frame.
+    support : str
+        What holds the sheet: `table`, `wall`, `box`, `stand` or `ground`.
+    bodies : list of Body
+    panels : list of Panel
+        Windows and lamps.
+    sun : (3,) array or None
+        Direction toward the sun, where there is a sky.
+    sheet_thickness_m : float
+    """
+
+    up: Array
+    support: str
+    bodies: list[Body] = field(default_factory=list)
+    panels: list[Panel] = field(default_factory=list)
+    sun: Array | None = None
+    sheet_thickness_m: float = 0.0003
+
+
+def pose_from_axes(x: Array, y: Array, z: Array, origin: Array) -> Array:
+    """Pose (4, 4) from three orthonormal axes and an origin."""
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, y, z, origin
+    return pose
+
+
+def blocks(body: Body, eye: Array, points: Array, margin: float = 1.0) -> NDArray[np.bool_]:
+    """Which segments from `eye` (3,) to `points` (n, 3) meet a body's bounding box, enlarged by a factor `margin`."""
+    rotation, origin = body.camera_from_body[:3, :3], body.camera_from_body[:3, 3]
+    start, ends = (eye - origin) @ rotation, (points - origin) @ rotation
+    half = body.half_m * margin
+    direction = ends - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = (-half - start) / direction, (half - start) / direction
+    near, far = np.fmax.reduce(np.fmin(a, b), axis=1), np.fmin.reduce(np.fmax(a, b), axis=1)
+    # A segment parallel to a pair of faces and outside them has no finite crossing.
+    outside = ((direction == 0) & (np.abs(start) > half)).any(axis=1)
+    return np.asarray((near < far) & (far > 0) & (near < 1) & ~outside)

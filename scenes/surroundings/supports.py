@@ -1,0 +1,94 @@
+"""What holds the sheet: a table, a wall, a box or a stand, and the surface below it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.surroundings.bodies import Body, Material, pose_from_axes
+from roundel.scenes.surroundings.gravity import Footing
+from roundel.scenes.surroundings.objects import frame_on, paint, standing
+from roundel.scenes.surroundings.sheet_place import SheetPlace
+
+Array = NDArray[np.float64]
+
+
+def support_of(
+    kind: str, sheet: SheetPlace, footing: Footing, rng: np.random.Generator
+) -> tuple[list[Body], float, str]:
+    """What holds the sheet, the height of the surface that objects stand on (along up), and its name."""
+    up, normal, back = footing.up, sheet.normal, sheet.thickness_m
+    heights = sheet.corners @ up
+    if footing.posture == "flat":
+        level = float(heights.mean()) - back
+        return [_surface(kind, sheet, up, level, rng)], level, "ground" if kind == "outdoor" else "table"
+    across = np.cross(up, normal)
+    across /= np.linalg.norm(across)
+    along = np.cross(normal, across)
+    spans = [np.ptp(sheet.corners @ axis) / 2 for axis in (across, along)]
+    middle = sheet.centre
+    if footing.posture == "upright" and kind in ("room", "outdoor"):
+        # The wall itself is made with the room; here is only where the floor or the table before it would be.
+        level = float(heights.min()) - (rng.uniform(0.6, 1.2) if kind == "outdoor" else rng.uniform(0.05, 0.3))
+        size = 6.0 + 4.0 * float(np.linalg.norm(middle))
+        # No table between a low camera and the sheet.
+        level = min(level, -0.2)
+        wall_kind = "brick" if kind == "outdoor" else "plaster"
+        colour = (0.38, 0.2, 0.14) if kind == "outdoor" else (0.62, 0.58, 0.52)
+        wall = Body(
+            "box", pose_from_axes(across, along, normal, middle - (back + 0.1) * normal), np.array([size, size, 0.1]),
+            Material(wall_kind, colour, 0.5, int(rng.integers(8))),
+        )  # fmt: skip
+        return [wall, _surface(kind, sheet, up, level, rng)], level, "wall"
+    margins = rng.uniform(0.015, 0.06, 2) + 0.1 * sheet.size_m
+    if footing.posture == "upright":
+        depth, drop = float(rng.uniform(0.05, 0.12)), float(rng.uniform(0.01, 0.06))
+        low, high = float((sheet.corners @ along).min()) - drop, float((sheet.corners @ along).max()) + margins[1]
+        half = np.array([spans[0] + margins[0], (high - low) / 2, depth])
+        centre = middle + ((high + low) / 2 - middle @ along) * along - (back + depth) * normal
+        held = Body("box", pose_from_axes(across, along, normal, centre), half, _board(kind, rng))
+        level = float(centre @ up) - half[1]
+        return [held, _surface(kind, sheet, up, level, rng)], level, "box"
+    half = np.array([spans[0] + margins[0], spans[1] + margins[1], 0.006])
+    board = Body(
+        "box", pose_from_axes(across, along, normal, middle - (back + half[2]) * normal), half, _board(kind, rng)
+    )
+    level = float(middle @ up - abs(along @ up) * half[1] - abs(normal @ up) * (back + 2 * half[2]))
+    foot = middle - (back + 0.03) * normal
+    height = max(float(foot @ up) - level, 0.02)
+    # A block behind the board holds it up.
+    prop = standing(
+        "box", np.array([0.02, 0.35 * half[0] + 0.01, height / 2]), foot - height * up - 0.04 * normal, up, 0.0,
+        Material("wood", (0.4, 0.26, 0.14), 0.4, int(rng.integers(8))),
+    )  # fmt: skip
+    return [board, prop, _surface(kind, sheet, up, level, rng)], level, "stand"
+
+
+def _board(kind: str, rng: np.random.Generator) -> Material:
+    if kind == "workshop":
+        return (
+            Material("metal", (0.5, 0.52, 0.55), 0.35) if rng.uniform() < 0.5 else Material("plastic", paint(rng), 0.3)
+        )
+    return Material("cardboard", (0.42, 0.28, 0.16), 0.6, int(rng.integers(8)))
+
+
+def _surface(kind: str, sheet: SheetPlace, up: Array, level: float, rng: np.random.Generator) -> Body:
+    """Table top, bench, shelf board or ground."""
+    far = float(np.linalg.norm(sheet.centre))
+    turn = float(rng.uniform(-0.4, 0.4))
+    seed = int(rng.integers(8))
+    centre = sheet.centre + (level - float(sheet.centre @ up)) * up
+    if kind == "outdoor":
+        half = np.array([20 + 10 * far, 20 + 10 * far, 0.5])
+        material = Material(str(rng.choice(["concrete", "wood"], p=[0.8, 0.2])), (0.3, 0.29, 0.27), 0.6, seed)
+    else:
+        side = max(0.5, 2.2 * sheet.size_m)
+        half = np.array([side * rng.uniform(1.3, 1.9), side * rng.uniform(0.9, 1.2), 0.015])
+        wood = (0.32, 0.19, 0.1) if rng.uniform() < 0.5 else (0.55, 0.4, 0.24)
+        material = {
+            "workshop": Material("metal", (0.55, 0.56, 0.58), 0.3),
+            "shelf": Material("wood", (0.6, 0.48, 0.33), 0.35, seed),
+        }.get(kind, Material("wood", wood, 0.25, seed))
+        x, y = frame_on(up, turn)
+        centre = centre + float(rng.uniform(-0.3, 0.3)) * half[0] * x + float(rng.uniform(-0.3, 0.3)) * half[1] * y
+    return standing("box", half, centre - 2 * half[2] * up, up, turn, material)

@@ -1,0 +1,110 @@
+"""A sheet in a world: the same geometry as in the laboratory, lit by what stands around it."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers_studies import small_study
+
+from roundel.render.radiance import render_radiance
+from roundel.render.run import render_study
+from roundel.render.scene.meshes import mesh_of
+from roundel.render.scene.textures import TILE_M, texture
+from roundel.scenes.camera.model import ray_direction
+from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.surroundings.bodies import Body, Material
+from roundel.scenes.surroundings.objects import HOUSEHOLD, WORKSHOP
+from roundel.scenes.world.frame import frame_of
+
+EDITS = (
+    ("light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}", "world: WORLD"),
+    ("render: {band_samples: 256}", "render: {target_error: 0.05, background_error: 0.2}"),
+)
+
+
+def world_study(folder: Path, world: str):
+    return small_study(folder, (EDITS[0][0], f"world: {world}"), EDITS[1])
+
+
+@pytest.mark.parametrize("world", ["tabletop", "room", "shelf", "workshop"])
+def test_the_sheet_is_where_the_pose_says(mi, tmp_path: Path, world: str) -> None:
+    frame = frame_of(world_study(tmp_path, world), 1)
+    radiance = render_radiance(mi, frame)
+    part = frame.sheet.parts[0]
+    ellipse = ellipse_of_conic(conic_of_circle(frame.camera_from_part(part), part.radius_m, frame.camera.K))
+    # Nothing hides the disc: its coverage is the area of its ellipse. Pixels of the edge have 64 rays or more each.
+    assert radiance.coverage[0].sum() == pytest.approx(np.pi * ellipse[2] * ellipse[3], rel=3e-3)
+    inside = radiance.coverage[0] == 1.0
+    rows, columns = np.nonzero(inside)
+    rays = ray_direction(frame.camera, np.column_stack([columns, rows]).astype(float))
+    pose = frame.camera_from_sheet
+    distance = (pose[:3, 3] @ pose[:3, 2]) / (rays @ pose[:3, 2])
+    # A pixel's depth is the mean over eight rays or more within it; from one pixel to the next it changes by 0.1 %.
+    ratio = radiance.depth_m[inside] / (rays[:, 2] * distance)
+    np.testing.assert_allclose(ratio, 1.0, rtol=1e-3)
+    assert ratio.mean() == pytest.approx(1.0, abs=1e-4)
+    # Ink and paper are lit alike: their radiances have the ratio of their reflectances, within the Monte-Carlo noise.
+    paper = (radiance.coverage[0] == 0) & (radiance.depth_m > 0)
+    marker = frame.settings.marker
+    ratio = radiance.mean[inside].mean() / np.median(radiance.mean[paper])
+    assert ratio == pytest.approx(marker.ink / marker.paper, rel=0.25)
+
+
+def test_outdoors_has_sun_and_sky(rgb, tmp_path: Path) -> None:
+    frame = frame_of(world_study(tmp_path, "outdoor"), 0)
+    radiance = render_radiance(rgb, frame)
+    assert (radiance.mean > 0).mean() > 0.99
+    assert radiance.coverage[0].max() == 1.0
+
+
+def test_a_world_has_the_same_bytes_whatever_the_threads(tmp_path: Path) -> None:
+    study = world_study(tmp_path, "tabletop")
+    found = []
+    for threads in (1, 2):
+        render_study(study, tmp_path / f"ds{threads}", threads=threads, frames=range(1))
+        files = sorted((tmp_path / f"ds{threads}").rglob("*.exr"))
+        found.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
+    assert found[0] == found[1]
+    assert len(found[0]) == 1
+
+
+@pytest.mark.parametrize("maker", sorted({*HOUSEHOLD, *WORKSHOP}, key=lambda m: m.__name__))
+def test_objects_are_closed_and_face_outward(maker) -> None:
+    up = np.array([0.0, -1.0, 0.0])
+    for seed in range(4):
+        body = maker(np.random.default_rng(seed), np.zeros(3), up)
+        mesh = mesh_of(body)
+        a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+        # The divergence theorem: a mesh whose faces all look outward encloses a positive volume.
+        assert np.sum(np.cross(b - a, c - a) * a) / 6 > 0
+        face = np.cross(b - a, c - a)
+        area = np.linalg.norm(face, axis=1)
+        normal = mesh.normals[mesh.faces].mean(axis=1)
+        large = area > 1e-3 * area.max()
+        assert np.all(np.sum(face * normal, axis=1)[large] > 0)
+        # It stands on its foot, and its bounding box holds it.
+        world = mesh.vertices @ body.camera_from_body[:3, :3].T + body.camera_from_body[:3, 3]
+        assert (world @ up).min() == pytest.approx(0.0, abs=5e-3)
+        assert np.all(np.abs(mesh.vertices) <= body.half_m * 1.001 + 1e-6)
+
+
+def test_boxes_have_texture_at_scale() -> None:
+    body = Body("box", np.eye(4), np.array([0.5, 0.2, 0.1]), Material("brick", (0.4, 0.2, 0.1)))
+    mesh = mesh_of(body)
+    for face in mesh.faces:
+        a, b, c = mesh.vertices[face]
+        u, v, w = mesh.uv_m[face]
+        assert np.linalg.norm(v - u) == pytest.approx(np.linalg.norm(b - a))
+        assert np.linalg.norm(w - u) == pytest.approx(np.linalg.norm(c - a))
+
+
+@pytest.mark.parametrize("kind", sorted(TILE_M))
+def test_textures_repeat_without_a_seam_and_keep_their_mean(kind: str) -> None:
+    tile = texture(kind, (0.4, 0.3, 0.2), 1).astype(float)
+    assert tile.shape == (512, 512, 3)
+    across = np.abs(tile[:, 0] - tile[:, -1]).mean() / np.abs(np.diff(tile, axis=1)).mean()
+    down = np.abs(tile[0] - tile[-1]).mean() / np.abs(np.diff(tile, axis=0)).mean()
+    # A seam would show as a step many times that between neighbours.
+    assert max(across, down) < 2.5
+    assert tile.mean(axis=(0, 1))[0] == pytest.approx(0.4, rel=0.2)
