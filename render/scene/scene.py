@@ -15,6 +15,7 @@ from roundel.render.scene import ink
 from roundel.render.scene.bodies import WITNESSES, panel_shape, shape_of
 from roundel.render.scene.lights import emitters, unit_of, world_sky
 from roundel.render.scene.materials import occluders, placed_opaquely, surface
+from roundel.render.scene.paths import radiance_along
 from roundel.scenes.surroundings.bodies import Body, Surroundings
 from roundel.scenes.world.frame import Frame
 
@@ -32,14 +33,16 @@ class Built:
     """A frame as Mitsuba objects.
 
     `texture` is the ink, `plane` points to the shape of sheet and wall, `unit` is the radiance that the scene counts
-    as 1.
+    as 1. `emitters`, in a world, are looked for one by one.
     """
 
+    mi: Any
     scene: Any
     integrator: Any
     texture: Any
     plane: Any
     unit: Any
+    emitters: tuple[Any, ...] = ()
 
 
 def build_scene(mi: Any, frame: Frame) -> Built:
@@ -71,7 +74,7 @@ def build_scene(mi: Any, frame: Frame) -> Built:
     # The pointer is another one in each frame; the kernel should not be.
     pointer = mi.ShapePtr(plane)
     dr.make_opaque(pointer)
-    return Built(scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
+    return Built(mi, scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
 
 
 def _world(mi: Any, frame: Frame, around: Surroundings, texture: Any) -> Built:
@@ -113,9 +116,10 @@ def _world(mi: Any, frame: Frame, around: Surroundings, texture: Any) -> Built:
     scene = mi.load_dict({"type": "scene", "plane": plane, "paper": paper, **things, **occluders(mi, frame)})
     pointer = mi.ShapePtr(plane)
     dr.make_opaque(pointer)
-    depth = max(frame.settings.render.bounces, WORLD_BOUNCES) + 1
+    # The first reflection is `radiance_along`'s own.
+    depth = max(frame.settings.render.bounces, WORLD_BOUNCES)
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-    return Built(scene, integrator, texture, pointer, dr.opaque(mi.Float, 1.0))
+    return Built(mi, scene, integrator, texture, pointer, dr.opaque(mi.Float, 1.0), tuple(scene.emitters()))
 
 
 def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, Any, Any]:
@@ -131,8 +135,11 @@ def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, An
     x, y : Float
         Where on the print's plane, metres.
     """
-    radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
-    hit = built.scene.ray_intersect(ray)
+    if built.emitters:
+        radiance, hit = radiance_along(built.mi, built.scene, built.integrator, built.emitters, sampler, ray)
+    else:
+        radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
+        hit = built.scene.ray_intersect(ray)
     on_plane = hit.is_valid() & (hit.shape == built.plane)
     return radiance * built.unit, hit.p.z, on_plane, *built.texture.in_plane(hit.p)
 

@@ -1,15 +1,18 @@
 """A sheet in a world: the same geometry as in the laboratory, lit by what stands around it."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers_studies import small_study
 
-from roundel.render.radiance import render_radiance
+from roundel.render.radiance import _estimate, _Shot, render_radiance
+from roundel.render.rays.rays import optics_of
 from roundel.render.run import render_study
 from roundel.render.scene.meshes import mesh_of
+from roundel.render.scene.scene import WORLD_BOUNCES, build_scene, trace_built
 from roundel.render.scene.textures import TILE_M, texture
 from roundel.scenes.camera.model import ray_direction
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
@@ -108,3 +111,26 @@ def test_textures_repeat_without_a_seam_and_keep_their_mean(kind: str) -> None:
     # A seam would show as a step many times that between neighbours.
     assert max(across, down) < 2.5
     assert tile.mean(axis=(0, 1))[0] == pytest.approx(0.4, rel=0.2)
+
+
+def test_paths_agree_with_mitsubas_integrator(mi, tmp_path: Path) -> None:
+    frame = frame_of(world_study(tmp_path, "tabletop"), 1)
+    built = build_scene(mi, frame)
+    depth = WORLD_BOUNCES + 1
+    plain = replace(built, emitters=(), integrator=mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 99}))
+    found = [measure(mi, frame, built, 64), measure(mi, frame, plain, 64)]
+    means, variances = zip(*found, strict=True)
+    # 2,000 pixels of 64 paths each: the means over all agree within three standard errors, by different random numbers.
+    error = np.sqrt(variances[0].sum() + variances[1].sum()) / len(means[0])
+    assert abs(means[0].mean() - means[1].mean()) < 3 * error
+    # And what every light is looked for buys is half the variance or so.
+    assert variances[0].sum() < 0.8 * variances[1].sum()
+
+
+def measure(mi, frame, built, samples):
+    import drjit as dr
+
+    shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), lambda sampler, ray: trace_built(built, sampler, ray))
+    pixels = np.arange(0, frame.camera.width_px * frame.camera.height_px, 9)
+    mean, variance = _estimate(shot, pixels, samples, 5, ())[:2].astype(float)
+    return mean, variance
