@@ -11,6 +11,9 @@ from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges,
 # Two cores: rays in closed form, rays through Mitsuba's integrators, encoding and measuring of a frame (benchmarks/).
 _PLAIN_RAYS_A_SECOND = 17e6
 _RAYS_A_SECOND = 4e6
+# Paths in a world, and how many a pixel takes there on average at the default background error.
+_PATHS_A_SECOND = 1.1e6
+_PATHS_A_PIXEL = 16
 _SECONDS_A_FRAME = 0.4
 
 # Rays that a pixel of the band takes on average, pilot included: the pilot itself decides, and is not run here.
@@ -42,13 +45,20 @@ def _rays(frame: Frame) -> float:
 
     plan, render = sample_map(frame), frame.settings.render
     band = int(plan.edge.sum()) * (_RAYS_A_BAND_PIXEL if render.target_error else render.band_samples)
-    return float(plan.edge.size * render.samples + band)
+    smooth = max(render.samples, _PATHS_A_PIXEL) if frame.surroundings is not None else render.samples
+    return float(plan.edge.size * smooth + band)
+
+
+def _rays_a_second(frame: Frame) -> float:
+    from roundel.render.scene.transport import is_plain
+
+    if frame.surroundings is not None:
+        return _PATHS_A_SECOND
+    return _PLAIN_RAYS_A_SECOND if is_plain(frame) else _RAYS_A_SECOND
 
 
 def cost_of(study: Study, progress: Callable[[int, int], None] | None = None) -> list[str]:
     """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
-    from roundel.render.scene.transport import is_plain
-
     lines = []
     seconds = 0.0
     ranges = group_ranges(study)
@@ -68,7 +78,7 @@ def cost_of(study: Study, progress: Callable[[int, int], None] | None = None) ->
             some = sorted({ids[i * (len(ids) - 1) // 4] for i in range(5)})
             frames = [frame_of(study, i) for i in some]
             rays = [_rays(frame) for frame in frames]
-            speeds = [_PLAIN_RAYS_A_SECOND if is_plain(frame) else _RAYS_A_SECOND for frame in frames]
+            speeds = [_rays_a_second(frame) for frame in frames]
             tracing = sum(n / speed for n, speed in zip(rays, speeds, strict=True)) / len(some)
             seconds += len(ids) * (tracing + _SECONDS_A_FRAME)
             text += f", some {sum(rays) / len(some) / 1e6:.1f} million rays each"

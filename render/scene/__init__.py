@@ -7,6 +7,8 @@ light_map: Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once
 lights: Lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps
 materials: Materials for Mitsuba: the print under its gloss, and the occluders
 meshes: Bodies as triangles, with normals and texture coordinates at real scale
+paths: Light transport in a world: all lights are sampled where a ray first lands, then Mitsuba's path integrator
+    goes on
 scene: A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders
 textures: Procedural textures at real scale: wood, cardboard, plaster, brick, concrete and fabric, as arrays of
     reflectance

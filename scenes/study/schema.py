@@ -149,6 +149,15 @@ class GroupSection(Section):
         return found
 
     @model_validator(mode="after")
+    def _world_has_its_own(self) -> GroupSection:
+        if self.world.kind != "plain":
+            if self.light != LightSection():
+                raise ValueError(f"light: world {self.world.kind} has its own lights; leave out light, or world")
+            if getattr(self.marker, "clutter", None) is not None:
+                raise ValueError(f"marker.clutter: world {self.world.kind} has no bare wall; use world.objects")
+        return self
+
+    @model_validator(mode="after")
     def _one_count(self) -> GroupSection:
         if (self.frames is None) == (self.frames_per_cell is None):
             raise ValueError("give either frames or frames_per_cell")

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_studies import small_study
+from helpers_studies import SMALL, small_study
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roundel.scenes.errors import StudyError
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
 from roundel.scenes.study.identity import frame_digest, frame_numbers
+from roundel.scenes.study.study import load_study
 from roundel.scenes.study.world_section import WORLDS
 from roundel.scenes.surroundings.bodies import Body, Material, blocks
 from roundel.scenes.surroundings.gravity import UPRIGHT_DEG, footing_of, roll_deg
@@ -20,6 +21,14 @@ from roundel.scenes.surroundings.sheet_place import SheetPlace
 from roundel.scenes.world.frame import frames_of
 
 PLACES = WORLDS[1:]
+LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}\n"
+
+
+def in_world(folder: Path, world: str, name: str = "w.yaml"):
+    """The small study in a world, which has its own lights."""
+    return small_study(folder, (LIGHT, f"world: {world}\n"), name=name)
+
+
 CORNERS = 0.12 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
 TURN = np.linspace(0, 2 * np.pi, 32, endpoint=False)
 OUTLINE = 0.08 * np.column_stack([np.cos(TURN), np.sin(TURN), 0 * TURN])
@@ -85,8 +94,8 @@ def test_blocking_is_decided_by_the_box() -> None:
 @pytest.mark.parametrize("kind", PLACES)
 def test_a_world_changes_no_pose(tmp_path: Path, kind: str) -> None:
     plain = list(frames_of(small_study(tmp_path)))
-    placed = list(frames_of(small_study(tmp_path, ("frames: 4", f"frames: 4\nworld: {kind}"), name="w.yaml")))
-    again = list(frames_of(small_study(tmp_path, ("frames: 4", f"frames: 4\nworld: {{kind: {kind}}}"), name="v.yaml")))
+    placed = list(frames_of(in_world(tmp_path, kind)))
+    again = list(frames_of(in_world(tmp_path, f"{{kind: {kind}}}", "v.yaml")))
     for a, b, c in zip(plain, placed, again, strict=True):
         assert a.surroundings is None
         np.testing.assert_array_equal(a.camera_from_sheet, b.camera_from_sheet)
@@ -109,6 +118,20 @@ def test_a_world_changes_no_pose(tmp_path: Path, kind: str) -> None:
 )
 def test_a_wrong_world_is_one_line(tmp_path: Path, world: str, sentence: str) -> None:
     with pytest.raises(StudyError) as caught:
-        list(frames_of(small_study(tmp_path, ("frames: 4", f"frames: 4\nworld: {world}"))))
+        list(frames_of(in_world(tmp_path, world)))
     assert sentence.split(":", maxsplit=1)[0] in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        (("", ""), "world room has its own lights; leave out light, or world"),
+        (("0.08}", "0.08, clutter: {cell_m: 0.1, contrast: 0.2}}"), "has no bare wall"),
+    ],
+)
+def test_what_a_world_does_not_take_is_refused(tmp_path: Path, keys: tuple[str, str], sentence: str) -> None:
+    study = SMALL if "lights" in sentence else SMALL.replace(LIGHT, "")
+    (tmp_path / "study.yaml").write_text(study.replace(*keys) + "world: room\n")
+    with pytest.raises(StudyError, match=sentence):
+        load_study(tmp_path / "study.yaml")
