@@ -29,8 +29,8 @@ def check_numbers(dataset: Path, frame: Frame, entry: journal.Entry | None) -> N
 
 def _other(dataset: Path, frame_id: int) -> DataError:
     return DataError(
-        f"{dataset}: frame {frame_id} was rendered from other numbers than this version of Roundel draws; "
-        "go on with the version that began it, or render into another folder"
+        f"{dataset}: frame {frame_id} was rendered with other values than this version of Roundel draws; "
+        "continue with the version that started the dataset, or render into another folder"
     )
 
 
@@ -53,7 +53,7 @@ def check_resumable(dataset: Path, entries: dict[int, journal.Entry], digests: d
     for frame_id, entry in sorted(entries.items()):
         if KEY not in entry:
             raise DataError(
-                f"{dataset}: was begun by a version of Roundel that did not record the numbers of its frames; "
+                f"{dataset}: was started by a version of Roundel that did not record the values of its frames; "
                 "finish it with that version, or render into another folder"
             )
         if entry[KEY] != digests.get(frame_id):
@@ -74,10 +74,10 @@ def other_numbers(dataset: Path, entries: dict[int, journal.Entry]) -> list[str]
         count = total_frames(study)
         wrong = [i for i in checked if i >= count or entries[i][KEY] != frame_digest(frame_of(study, i))]
     except RoundelError as error:
-        return [f"the numbers of its frames cannot be drawn again ({error})"]
+        return [f"the values of its frames cannot be drawn again ({error})"]
     if not wrong:
         return []
     return [
-        f"{len(wrong)} frames, the first is {wrong[0]}, were rendered from other numbers than their study draws; their "
+        f"{len(wrong)} frames (the first is {wrong[0]}) were rendered with other values than their study draws; their "
         "truth may be wrong: render into another folder"
     ]

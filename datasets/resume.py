@@ -35,7 +35,7 @@ def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
                 "name another folder, remove this one, or restore the study"
             )
     elif dataset.is_dir() and any(dataset.iterdir()):
-        raise UsageError(f"{dataset}: is not empty and no dataset; name another folder")
+        raise UsageError(f"{dataset}: is not empty and not a dataset; name another folder")
     else:
         files.write_file(held, study_bytes(study))
     for folder in (dataset, dataset / "images", dataset / "radiance"):

@@ -44,7 +44,7 @@ def write_failure(path: Path, error: OSError) -> DataError:
     """The one line for a file that cannot be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return DataError(
-            f"{path}: the disk is full; free some space and run the same command again: what is finished is kept"
+            f"{path}: the disk is full; free some space and run the same command again; finished work is kept"
         )
     return DataError(f"{path}: cannot write: {error.strerror or error}")
 

@@ -105,7 +105,7 @@ class Images:
             self._points.update(_read_points(self.path / files.POINTS))
         frame_id = int(self.records[i]["frame_id"])
         if frame_id not in self._points:
-            raise DataError(f"{self.path / files.POINTS}: no points of frame {frame_id}; render the dataset again")
+            raise DataError(f"{self.path / files.POINTS}: no points for frame {frame_id}; render the dataset again")
         return self._points[frame_id]
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -169,7 +169,7 @@ def open_images(path: str | Path) -> Images:
     """
     path = Path(path)
     if not path.is_dir():
-        what = "it is a file, and a dataset is a folder" if path.exists() else "there is no such folder"
+        what = "it is a file; a dataset is a folder" if path.exists() else "there is no such folder"
         raise DataError(f"{path}: not a dataset: {what}")
     if not (path / files.MANIFEST).is_file():
         unfinished = (path / files.JOURNAL).is_file() or (path / files.STUDY).is_file()
@@ -178,7 +178,7 @@ def open_images(path: str | Path) -> Images:
             if unfinished
             else f"it has no {files.MANIFEST}"
         )
-        raise DataError(f"{path}: not a dataset to read: {hint}")
+        raise DataError(f"{path}: not a readable dataset: {hint}")
     file = path / files.CAMERAS
     try:
         record = json.loads(file.read_text(encoding="utf-8"))

@@ -94,7 +94,7 @@ def focal_at_focus_px(focal_mm: float, focus_distance_m: float, pixel_pitch_um: 
         If the focus lies inside the focal length, where no image forms.
     """
     if not focus_distance_m * 1e3 > focal_mm:
-        raise ValueError(f"focus at {focus_distance_m} m lies inside the focal length of {focal_mm} mm; focus farther")
+        raise ValueError(f"focus at {focus_distance_m} m is inside the focal length of {focal_mm} mm; increase it")
     image_distance_mm = focal_mm / (1.0 - focal_mm * 1e-3 / focus_distance_m)
     return image_distance_mm * 1e3 / pixel_pitch_um
 
@@ -309,7 +309,7 @@ def camera_from_json(record: dict[str, Any]) -> Camera:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"camera record: {type(error).__name__} at {error}; it needs width_px, height_px, K") from error
     if width_px <= 0 or height_px <= 0:
-        raise DataError("camera record: needs a positive size")
+        raise DataError("camera record: width_px and height_px must be positive")
     if model == "none":
         if distortion:
             raise DataError(f"camera record: distortion_model none takes no coefficients, not {len(distortion)}")

@@ -108,9 +108,9 @@ def contour_information(
     tangent = radius_m * (np.cos(t)[:, None] * r2 - np.sin(t)[:, None] * r1)
     x, y, z = (centre + arm).T
     if not np.all(z > 0):
-        raise ValueError("the circle is not wholly before the camera")
+        raise ValueError("the circle is not entirely in front of the camera")
     if not abs(m[:3, 2] @ centre) > 1e-12 * np.linalg.norm(centre):
-        raise ValueError("the circle is seen on edge: its image is no ellipse")
+        raise ValueError("the circle is seen edge-on: its image is not an ellipse")
     zero = np.zeros_like(z)
     projection = np.stack([np.stack([1 / z, zero, -x / z**2], -1), np.stack([zero, 1 / z, -y / z**2], -1)], axis=-2)
     projection = k[:2, :2] / k[2, 2] @ projection

@@ -43,8 +43,8 @@ def tag_cells(family: str, first_id: int, count: int) -> Cells:
     side, codes = _families()[family]
     if first_id + count > len(codes):
         raise ValueError(
-            f"marker.first_id: {count} tags from id {first_id} on end at {first_id + count - 1}, and {family} ends at "
-            f"{len(codes) - 1}; start earlier, make the board smaller, or take another family"
+            f"marker.first_id: {count} tags from id {first_id} need ids up to {first_id + count - 1}, but {family} "
+            f"ends at {len(codes) - 1}; use a smaller first_id, a smaller board, or another family"
         )
     cells = np.ones((count, side + 2, side + 2), dtype=np.uint8)
     for i, code in enumerate(codes[first_id : first_id + count]):

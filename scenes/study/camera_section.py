@@ -83,7 +83,7 @@ class CameraSection(Section):
         if problem:
             raise ValueError(problem)
         if self.f_number is not None and (self.aperture_mm is not None or self.focal_mm is None):
-            raise ValueError("f_number goes with focal_mm; with focal_px give aperture_mm")
+            raise ValueError("f_number needs focal_mm; with focal_px give aperture_mm")
         has_aperture = self.f_number is not None or self.aperture_mm is not None
         if has_aperture and self.focus_m is None:
             raise ValueError("an aperture needs focus_m, the distance in focus")

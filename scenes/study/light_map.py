@@ -36,12 +36,12 @@ def map_sha256(folder: Path, section: MapSection) -> str:
         If the file is missing, no map, enormous, or not the one that was recorded.
     """
     if Path(section.file).is_absolute():
-        raise ValueError(f"{section.file} is an absolute path; name the map relative to the study")
+        raise ValueError(f"{section.file} is an absolute path; give it relative to the study")
     path = folder / section.file
     if not path.is_file():
         if section.sha256 is not None:
             return section.sha256
-        raise ValueError(f"no such file: {section.file}; put the map there, relative to the study")
+        raise ValueError(f"no such file: {section.file}; the path is relative to the study")
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -54,7 +54,7 @@ def map_sha256(folder: Path, section: MapSection) -> str:
         raise ValueError(f"{section.file}: cannot be read ({error.strerror})") from error
     if section.sha256 not in (None, digest):
         raise ValueError(
-            f"{section.file}: is not the map that was recorded (sha256 {digest[:12]}, not {section.sha256[:12]}); "
+            f"{section.file}: is not the recorded map (sha256 {digest[:12]}, not {section.sha256[:12]}); "
             "restore it, or remove sha256"
         )
     return digest
@@ -83,14 +83,14 @@ def _size_and_channels(name: str, header: bytes) -> tuple[int, int, int]:
             at = found["channels"].index(0, at) + 17
             channels += 1
     except (IndexError, KeyError, ValueError, struct.error) as error:
-        raise ValueError(f"{name}: its header is truncated or corrupt; get the file anew") from error
+        raise ValueError(f"{name}: its header is truncated or corrupt; get the file again") from error
     return x1 - x0 + 1, y1 - y0 + 1, channels
 
 
 def _check_size(name: str, width: int, height: int, channels: int) -> None:
     if width > MAX_WIDTH_PX or 4 * width * height * channels > MAX_BYTES:
         raise ValueError(
-            f"{name}: {width} x {height} pixels of {channels} channels are too many; scale it down "
+            f"{name}: {width} x {height} pixels with {channels} channels is too large; scale it down "
             f"(at most {MAX_WIDTH_PX} wide, 1 GB decoded)"
         )
     if width < 4 or height < 2 or not _ASPECT[0] <= width / height <= _ASPECT[1]:

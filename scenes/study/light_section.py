@@ -57,7 +57,7 @@ class SpotLampSection(Section):
         # Spreads are held against each other when they are drawn.
         cutoff, beam = self.cutoff_deg, self.beam_deg
         if isinstance(cutoff, float) and cutoff > 90:
-            raise ValueError("cutoff_deg is a half angle: at most 90")
+            raise ValueError("cutoff_deg is a half angle and must be at most 90")
         if isinstance(cutoff, float) and isinstance(beam, float) and beam >= cutoff:
             raise ValueError("beam_deg must be smaller than cutoff_deg")
         return self
@@ -121,7 +121,7 @@ class LightSection(Section):
     @model_validator(mode="after")
     def _one_environment(self) -> LightSection:
         if self.map is not None and self.sky is not None:
-            raise ValueError("give a map or a sky, not both; either takes the constant environment's place")
+            raise ValueError("give a map or a sky, not both; either replaces the constant environment")
         return self
 
 

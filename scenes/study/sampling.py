@@ -35,7 +35,9 @@ def frames_per_level(group: GroupSection) -> int:
         return cells * group.frames_per_cell
     assert group.frames is not None
     if group.frames % cells:
-        raise ValueError(f"{group.frames} frames do not divide over {cells} cells; give a multiple, or frames_per_cell")
+        raise ValueError(
+            f"{group.frames} frames is not a multiple of the {cells} grid cells; give a multiple, or frames_per_cell"
+        )
     return group.frames
 
 

@@ -64,7 +64,7 @@ def _keys_of(path: Path) -> tuple[dict[str, Any], Marks]:
     if isinstance(raw, dict) and list(raw) == ["sensor"]:
         raw, marks = raw["sensor"], {where[1:]: place for where, place in marks.items() if where[:1] == ("sensor",)}
     if not isinstance(raw, dict):
-        raise StudyError("this is to be a mapping of the keys of a `sensor:` section", path, *marks.get((), (1, 1)))
+        raise StudyError("expected a mapping with the keys of a `sensor:` section", path, *marks.get((), (1, 1)))
     return raw, marks
 
 
@@ -86,7 +86,7 @@ def _check(
                 path,
                 marks,
                 key,
-                f"decides which rays are traced; render group {name} again to change it, or leave it out",
+                f"determines which rays are traced; render group {name} again to change it, or leave it out",
             )
     for key in raw:
         old, new = getattr(group.sensor, key), getattr(sensor, key)
@@ -95,7 +95,7 @@ def _check(
                 path,
                 marks,
                 key,
-                f"a grid decides how many frames there are in group {name}; use another kind of spread",
+                f"a grid determines the number of frames in group {name}; use another distribution",
             )
         if group.sweep is not None and group.sweep.key.split(".")[:2] == ["sensor", key]:
-            raise _error(path, marks, key, f"is swept in group {name}, and its levels would win; leave it out")
+            raise _error(path, marks, key, f"is swept in group {name}, and the levels would override it; leave it out")

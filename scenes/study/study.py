@@ -127,7 +127,7 @@ def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
 
 
 def _nearest(word: str, known: list[str]) -> str:
-    hint = did_you_mean(word, known) or (f"known here: {', '.join(sorted(known))}" if known else "")
+    hint = did_you_mean(word, known) or (f"use one of {', '.join(sorted(known))}" if known else "")
     return f"; {hint}" if hint else ""
 
 
@@ -151,7 +151,7 @@ _EXPECTED = {
     "model_type": "a mapping of keys",
     "dict_type": "a mapping of keys",
     "list_type": "a list, as in [a, b]",
-    "string_type": "a text",
+    "string_type": "a string",
     "bool_type": "true or false",
     "bool_parsing": "true or false",
     "int_type": "a whole number",
@@ -170,21 +170,21 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
     if error["type"] == "extra_forbidden":
         return f"{dotted}: unknown key{_nearest(str(location[-1]), _keys_at(model, raw[:-1]))}", location
     if error["type"] == "missing":
-        return f"{dotted}: this key is missing; add it", location
+        return f"{dotted}: required key is missing; add it", location
     if error["type"] == "union_tag_invalid":
         return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), kinds)}", (
             *location,
             "kind",
         )
     if error["type"] == "union_tag_not_found":
-        return f"{dotted}.kind: this key is missing; one of {', '.join(kinds)}", location
+        return f"{dotted}.kind: required key is missing; one of {', '.join(kinds)}", location
     text = str(context["error"]) if "error" in context else error["msg"][0].lower() + error["msg"][1:]
     given = error.get("input")
     if error["type"] in _EXPECTED:
         text = f"give {_EXPECTED[error['type']]}"
         if error["type"] == "string_type" and isinstance(given, bool):
             return (
-                f'{dotted}: YAML reads this word as a truth value; put it in quotes: "{str(given).lower()}"',
+                f'{dotted}: YAML reads this word as a boolean; put it in quotes: "{str(given).lower()}"',
                 location,
             )
     shown = f", not {given!r}" if "error" not in context and isinstance(given, str | int | float | bool | None) else ""
@@ -237,7 +237,7 @@ def load_study(path: str | Path) -> Study:
     for name, section in own.items():
         place = marks.get(("groups", name), (1, 1))
         if not name.replace("_", "").replace("-", "").isalnum():
-            raise StudyError(f"groups.{name}: a group's name has letters, digits, - and _ only", path, *place)
+            raise StudyError(f"groups.{name}: a group name may contain only letters, digits, - and _", path, *place)
         if not isinstance(section, dict):
             raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
         named = section.get("preset", shared.get("preset"))
@@ -254,7 +254,7 @@ def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:
     if name is None:
         return {}
     if name not in preset_names():
-        raise StudyError(f"preset: no preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
+        raise StudyError(f"preset: unknown preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
     return preset(name)
 
 
@@ -305,5 +305,5 @@ def _check_references(study: Study) -> None:
             # Frames that do not divide over the cells: whoever counts them says so, at their own place.
             continue
         if views is not None and views > there:
-            message = f"solve.intrinsics: `{label}` wants {views} views, and group {source!r} has {there}"
+            message = f"solve.intrinsics: `{label}` needs {views} views, but group {source!r} has {there}"
             raise fail(message, "solve", "intrinsics")

@@ -147,8 +147,8 @@ def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> M
     """
     if section.exposure_s > section.frame_s:
         raise ValueError(
-            f"exposure_s: {section.exposure_s:g} s is longer than the frame, {section.frame_s:g} s; expose shorter, or "
-            "give a longer frame_s"
+            f"exposure_s: {section.exposure_s:g} s exceeds the frame time of {section.frame_s:g} s; reduce it, or "
+            "increase frame_s"
         )
     twists = [
         np.array([*twist.velocity_m_s, *np.radians(np.array(twist.rate_deg_s, dtype=np.float64))], dtype=np.float64)
@@ -277,8 +277,8 @@ def _camera(settings: GroupSection, fail: Fail) -> Camera:
         )
     if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
         raise fail(
-            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
-            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
+            f"camera: a thin lens cannot focus rays at 90 degrees from its axis, and this fisheye sees beyond "
+            f"{THIN_LENS_DEG:g}; remove its aperture, or increase the focal length",
             "camera",
         )
     return camera
@@ -339,12 +339,12 @@ def _check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
     if outline[:, 2].min() <= 0:
         raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
     if pose[:3, 2] @ pose[:3, 3] >= 0:
-        raise fail(f"pose: marker {part.marker_id} shows its back to the camera; tilt it less", "pose", "tilt_deg")
+        raise fail(f"pose: marker {part.marker_id} faces away from the camera; tilt it less", "pose", "tilt_deg")
     pixels, _ = image_of(frame.camera, frame.motion, frame.camera_from_sheet, in_sheet)
     if np.isnan(pixels).any() and frame.motion.row_s > 0:
         raise fail(
-            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's sight; read out "
-            "faster (readout_s), or move slower",
+            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's view; reduce "
+            "readout_s or the velocity",
             "motion",
         )
     inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)

@@ -34,7 +34,7 @@ def facing(position_m: ArrayLike, aim_m: ArrayLike) -> Array:
     toward = np.asarray(aim_m, dtype=np.float64) - position
     distance = np.linalg.norm(toward)
     if distance < 1e-6:
-        raise ValueError("stands at the very point it faces; move it")
+        raise ValueError("is at the point it faces; move it")
     toward = toward / distance
     # Any vector that is not along the line of sight will do as the square's upright.
     up = np.array([0.0, -1.0, 0.0]) if abs(toward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
@@ -102,5 +102,5 @@ def check_light(light: LightSection, sheet: Sheet, camera_from_sheet: Array) -> 
         lit |= light.environment * luminance_of(light.environment_colour) > 0
     if not lit:
         raise ValueError(
-            "lamps: no light reaches the print: give it an environment, or a lamp on its printed side that shines on it"
+            "lamps: no light reaches the print; add an environment, or a lamp on the printed side that shines on it"
         )

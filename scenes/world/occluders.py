@@ -111,6 +111,6 @@ def check_occluders(occluders: list[OccluderSection], camera: Camera, camera_fro
         # The lens reaches a radius of its aperture to every side of the camera's centre.
         if occluder.z_m >= camera_height_m - camera.aperture_radius_m:
             raise ValueError(
-                f"{i}.z_m: {occluder.z_m:g} m above the print is not before the camera, which stands "
+                f"{i}.z_m: {occluder.z_m:g} m above the print is not in front of the camera, which is "
                 f"{camera_height_m:.3g} m above it; lower the occluder"
             )

@@ -61,9 +61,7 @@ def _rings(section: sections.RingsSection, ink: float, paper: float) -> _Print:
     diameters = [float(d) for d in section.diameters_m]
     for a, b in pairwise(diameters):
         if b >= a:
-            raise ValueError(
-                f"marker.diameters_m: {b:g} after {a:g}; give the outermost first, each smaller than before"
-            )
+            raise ValueError(f"marker.diameters_m: {b:g} after {a:g}; list the diameters in decreasing order")
     return _circles(diameters, "rings", {"diameters_m": diameters}, ink, paper)
 
 
@@ -72,7 +70,7 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
     if not all(0 < a < b for a, b in pairwise(shares)):
         raise ValueError("marker.disc: needs 0 < disc < code_from < code_to < ring_from < 1")
     if len({len(ring) for ring in section.code}) != 1:
-        raise ValueError("marker.code: every ring needs as many cells as the others")
+        raise ValueError("marker.code: every ring needs the same number of cells")
     outer = section.diameter_m / 2
     disc, inner, last, ring, _ = (outer * share for share in shares)
     cells = bytes(int(bit) for row in section.code for bit in row)
@@ -142,7 +140,7 @@ def _refuse_inverted(section: Any, what: str) -> None:
     # Only the colour of its first square tells which way up a board is. A grid of tags tells by its bits, and
     # detectors know light tags on dark: those may be inverted.
     if section.inverted:
-        raise ValueError(f"marker.inverted: {what} is dark on light; invert circles and tags only")
+        raise ValueError(f"marker.inverted: {what} cannot be inverted; only circles and tags can")
 
 
 def _tag_layout(section: Any, **sizes: float) -> dict[str, Any]:
