@@ -16,7 +16,7 @@ from roundel.scenes.errors import DataError
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong: which file, what, and what to do."""
+    """One problem: the file, what is wrong, and what to do."""
 
     name: str
     what: str
@@ -56,12 +56,12 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     ----------
     path : path
     full : bool
-        Also compute every sha256, decode every image and draw every frame's numbers again; otherwise sizes only.
+        Also compute every sha256, decode every image and draw every frame's values again; otherwise sizes only.
 
     Returns
     -------
     list of Finding
-        Empty when all is well.
+        Empty if there are no problems.
 
     Raises
     ------

@@ -16,7 +16,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     Raises
     ------
     DataError
-        If it is missing or is not one.
+        If it is missing or is not a manifest.
     """
     file = path / files.MANIFEST
     try:

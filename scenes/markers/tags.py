@@ -1,6 +1,6 @@
 """Square tags: their cells by family and id, and their layout on a board.
 
-The bits are those of OpenCV's predefined dictionaries, so that its detectors read what is rendered.
+The bits are those of OpenCV's predefined dictionaries, so that its detectors read the rendered tags.
 """
 
 from __future__ import annotations
@@ -60,10 +60,10 @@ def tag_grid(family: str, first_id: int, columns: int, rows: int) -> Cells:
 
 
 def charuco_grid(family: str, first_id: int, columns: int, rows: int) -> Cells:
-    """Cells (rows, columns, n, n) of the tags of a ChArUco board, without ink where a square is black.
+    """Cells (rows, columns, n, n) of the tags of a ChArUco board, without ink in black squares.
 
-    OpenCV's pattern since 4.6: the top-left square is black whatever the number of rows, and the white ones are
-    numbered row by row.
+    OpenCV's pattern since 4.6: the top-left square is black for any number of rows, and the white squares are numbered
+    row by row.
     """
     row, column = np.mgrid[:rows, :columns]
     white = (row + column) % 2 == 1

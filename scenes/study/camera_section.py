@@ -104,7 +104,7 @@ class TwistSection(Section):
 
 
 class MotionSection(Section):
-    """When each row is exposed, and what moves meanwhile."""
+    """When each row is exposed, and what moves during the exposure."""
 
     exposure_s: NonNegative = Field(default=0.01, description="exposure time of each row, s")
     readout_s: NonNegative = Field(

@@ -18,7 +18,7 @@ _MAX_HEADER_BYTES = 1_000_000
 MAX_WIDTH_PX = 16_384
 MAX_BYTES = 1_000_000_000
 
-# An equirectangular map spans 360 by 180 degrees; a pixel more or less is forgiven.
+# An equirectangular map spans 360 by 180 degrees; a deviation of one pixel is accepted.
 _ASPECT = (1.9, 2.1)
 
 
@@ -28,12 +28,12 @@ def map_sha256(folder: Path, section: MapSection) -> str:
     Returns
     -------
     str
-        Of the file; the recorded one where there is no file, as beside a dataset's own study.
+        Checksum of the file; the recorded one if there is no file, as for the study inside a dataset.
 
     Raises
     ------
     ValueError
-        If the file is missing, no map, enormous, or not the one that was recorded.
+        If the file is missing, not a map, too large, or does not match the recorded checksum.
     """
     if Path(section.file).is_absolute():
         raise ValueError(f"{section.file} is an absolute path; give it relative to the study")
@@ -79,7 +79,7 @@ def _size_and_channels(name: str, header: bytes) -> tuple[int, int, int]:
         x0, y0, x1, y1 = struct.unpack("<4i", found["dataWindow"])
         channels, at = 0, 0
         while found["channels"][at] != 0:
-            # A name, then its type, four flags and two steps: 16 bytes.
+            # A name, then its type, four flags and two sampling steps: 16 bytes.
             at = found["channels"].index(0, at) + 17
             channels += 1
     except (IndexError, KeyError, ValueError, struct.error) as error:

@@ -1,7 +1,7 @@
 """YAML 1.2 scalars with the line and column of every value.
 
-PyYAML reads the syntax; the scalars are resolved here by the core schema of YAML 1.2.2 (section 10.3), so that
-`1e-3` is a number and `no` is a word. Aliases, tags and duplicate keys are refused; size and depth are capped.
+PyYAML parses the syntax; this module resolves scalars by the core schema of YAML 1.2.2 (section 10.3), so that `1e-3`
+is a number and `no` is a string. Aliases, tags and duplicate keys are refused; size and depth are limited.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _WORDS = {
 def _scalar(text: str) -> Any:
     if text in _WORDS:
         return _WORDS[text]
-    # Very long digit strings are no numbers a study means; int() would take quadratic time over them.
+    # Very long digit strings are not valid numbers of a study, and int() takes quadratic time for them.
     if len(text) <= 64:
         if _INT.match(text):
             return int(text)
@@ -95,7 +95,7 @@ def _check_events(text: str, path: Path) -> None:
 
 
 def read_yaml(path: str | Path) -> tuple[Any, Marks]:
-    """Read a YAML file into plain values, with the place of each.
+    """Read a YAML file into plain values, with the position of each.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def read_yaml(path: str | Path) -> tuple[Any, Marks]:
     Raises
     ------
     StudyError
-        On anything that is not readable, with its place.
+        If anything cannot be read; with its position.
     """
     path = Path(path)
     try:

@@ -1,4 +1,4 @@
-"""Frame i of a study, a pure function of (study, i): every number drawn, every object placed."""
+"""Frame i of a study, a pure function of (study, i): all values drawn, all objects placed."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
 from roundel.scenes.world.sheets import sheet_of
 
-# Makes the error of a frame: a message, then the key where it stands in the study.
+# Makes the error of a frame from a message and the key path in the study.
 Fail = Callable[..., StudyError]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame: everything that rendering and truth need, all of it decided.
+    """One frame: everything that rendering and truth need, with all values drawn.
 
-    `settings` is the group's section with every spread replaced by the frame's number; `camera_from_sheet` is the pose
-    at time 0 of `motion`; files that the study names are relative to `folder`. `sensor_seed` is one for a group: the
-    pattern of its pixels does not change from frame to frame. `drawn` has what the frame drew, by dotted key.
+    `settings` is the group's section with every distribution replaced by the frame's value; `camera_from_sheet` is the
+    pose at time 0 of `motion`; files named by the study are relative to `folder`. `sensor_seed` is the same for a whole
+    group: the pixels' fixed pattern does not change between frames. `drawn` has the drawn values, by dotted key.
     """
 
     frame_id: int
@@ -63,19 +63,19 @@ class Frame:
     folder: Path
 
     def part_time_s(self, part: Part) -> float:
-        """Mid-exposure of the row where the part's centre is imaged, in seconds after the first part's."""
+        """Mid-exposure of the row that images the part's centre, in seconds after that of the first part."""
         _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
         return float(time[0])
 
     def camera_from_part(self, part: Part, after_s: float = 0.0) -> NDArray[np.float64]:
-        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or a time after."""
+        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or later."""
         pose = pose_at(self.motion, self.camera_from_sheet, np.array(self.part_time_s(part) + after_s))
         pose[:3, 3] = transform_points(pose, [part.x_m, part.y_m, 0.0])
         return pose
 
 
 def total_frames(study: Study) -> int:
-    """Number of frames of a study, over all groups."""
+    """Total number of frames of a study, over all groups."""
     return sum(_count(study, name) for name in study.groups)
 
 
@@ -87,7 +87,7 @@ def _count(study: Study, name: str) -> int:
 
 
 def group_ranges(study: Study) -> dict[str, range]:
-    """Frame ids of each group: groups follow one another in the order of the study."""
+    """Frame ids of each group; groups are numbered in the order of the study."""
     ranges, start = {}, 0
     for name in study.groups:
         ranges[name] = range(start, start + _count(study, name))
@@ -96,14 +96,14 @@ def group_ranges(study: Study) -> dict[str, range]:
 
 
 def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
-    """The camera that a section with all spreads drawn describes."""
+    """The camera described by a section with all values drawn."""
     focus_m = section.focus_m if section.focus_m is not None else float("inf")
     focal_px: float
     focal_mm, pitch_um = section.focal_mm, section.pixel_pitch_um
     if focal_mm is not None and pitch_um is not None:
         focal_px = focal_at_focus_px(focal_mm, focus_m, pitch_um)
     else:
-        assert section.focal_px is not None  # the schema wants one or the other
+        assert section.focal_px is not None  # the schema requires one or the other
         focal_px = section.focal_px
     cx, cy = principal_point_at_centre(section.width_px, section.height_px)
     cx = section.principal_point_x_px if section.principal_point_x_px is not None else cx
@@ -115,7 +115,7 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
         aperture_m = section.aperture_mm * 1e-3 / 2
     if section.diffraction and aperture_m == 0:
         raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
-    # A phone writes whole millimetres, by the diagonal.
+    # Phones write whole millimetres, based on the diagonal.
     diagonal_px = float(np.hypot(section.width_px, section.height_px))
     written = float(max(1, round(focal_px * FILM_DIAGONAL_MM / diagonal_px)))
     return Camera(
@@ -138,12 +138,12 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
 
 
 def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> Motion:
-    """The motion that a section with all spreads drawn describes.
+    """The motion described by a section with all values drawn.
 
     Raises
     ------
     ValueError
-        If the exposure is longer than the frame.
+        If the exposure is longer than the frame time.
     """
     if section.exposure_s > section.frame_s:
         raise ValueError(
@@ -158,10 +158,10 @@ def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> M
 
 
 def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
-    """A group's section with the numbers of one frame in the place of its spreads, and these numbers by dotted key."""
+    """A group's section with distributions replaced by the values of one frame, and these values by dotted key."""
     group = study.groups[name]
     raw = group.model_dump(exclude_none=True)
-    # Once drawn, a section has no grids left to tell how many frames a level has.
+    # Count first: a drawn section has no grids left that determine the number of frames per level.
     raw.pop("frames_per_cell", None)
     raw["frames"] = frames_per_level(group)
 
@@ -184,7 +184,7 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[Gr
     except StudyError as error:
         message = f"{error.reason} (frame {index} of group {name})"
         if group.sweep is not None and error.reason.startswith(f"{group.sweep.key}:"):
-            # The value that is wrong stands nowhere in the file but in the sweep.
+            # The wrong value occurs in the file only in the sweep.
             raise study.error(f"sweep: {message}", name, "sweep", "key") from error
         raise StudyError(message, error.path, error.line, error.column) from error
     return drawn, {".".join(str(part) for part in key): value for key, value in numbers.items()}
@@ -196,7 +196,7 @@ def frame_of(study: Study, frame_id: int) -> Frame:
     Raises
     ------
     StudyError
-        If the frame cannot be: a marker behind the camera or outside the image, a focus inside the lens.
+        If the frame is impossible: a marker behind the camera or outside the image, a focus inside the focal length.
     IndexError
         If the study has no such frame.
     """
@@ -223,7 +223,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
     camera = _camera(settings, fail)
-    # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
+    # Values do not depend on the level of a sweep, so that paired frames differ only in the swept key.
     noise_seed, ray_seed, sheet_seed = (
         int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
     )
@@ -264,7 +264,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
 
 
 def _camera(settings: GroupSection, fail: Fail) -> Camera:
-    """The camera of a frame, refused where its lens has no inverse."""
+    """The camera of a frame; refused if its lens has no inverse."""
     try:
         camera = camera_of(settings.camera, settings.sensor.fill_factor)
     except ValueError as error:
@@ -287,7 +287,7 @@ def _camera(settings: GroupSection, fail: Fail) -> Camera:
 def _place(
     pose: PoseSection, camera: Camera, sheet: Sheet, fail: Fail
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixel (2,) where the marker's centre is imaged, and pose (4, 4) of the sheet at time 0."""
+    """Image (2,) of the marker's centre in pixels, and pose (4, 4) of the sheet at time 0."""
     first = sheet.parts[0]
     if pose.distance_m is not None:
         distance_m = pose.distance_m
@@ -318,7 +318,7 @@ def _check_light(frame: Frame) -> None:
 
 
 def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
-    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle round a board."""
+    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle around a board."""
     centre = np.array([part.x_m, part.y_m, 0.0])
     if part.radius_m is not None:
         placed = np.eye(4)
