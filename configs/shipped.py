@@ -1,4 +1,4 @@
-"""The studies that ship: their names, their files, and what each is for in one line."""
+"""The shipped studies: their names, files and one-line summaries."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def study_path(name: str) -> Path:
 
 
 def study_summary(name: str) -> str:
-    """What a shipped study is for: its first line, a comment."""
+    """Summary of a shipped study: its first comment line."""
     with study_path(name).open(encoding="utf-8") as file:
         return file.readline().lstrip("# ").rstrip(".\n")
 
 
 def starting_point() -> str:
-    """A short study with a comment on each key, for `roundel init`."""
+    """A short commented study, for `roundel init`."""
     return _STARTING_POINT.read_text(encoding="utf-8")

@@ -31,7 +31,7 @@ class Dataset:
 
     @property
     def study(self) -> dict[str, Any]:
-        """The study, resolved."""
+        """The resolved study."""
         return dict(self.manifest["study"])
 
     @property
@@ -40,7 +40,7 @@ class Dataset:
         return [self.images.camera(i) for i in range(len(self.images))]
 
     def verify(self, full: bool = False) -> list[Finding]:
-        """What is wrong with the files; empty when all is well. See `datasets.verify`."""
+        """Problems with the files; an empty list if there are none. See `datasets.verify`."""
         return verify_dataset(self.path, full=full)
 
 

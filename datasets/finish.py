@@ -1,4 +1,4 @@
-"""Finishing a dataset: its tables, and the manifest, written last."""
+"""Finish a dataset: write its tables and, last, the manifest."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def study_bytes(study: Study) -> bytes:
 
 
 def versions() -> dict[str, str]:
-    """Installed versions of what the bytes of a dataset depend on."""
+    """Installed versions of the packages that the bytes of a dataset depend on."""
     found = {}
     for package in _PACKAGES:
         try:
@@ -62,7 +62,7 @@ def _json(value: Any) -> bytes:
 
 
 def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
-    """A frame's entry in cameras.json: what a solver may know. No pose, no truth."""
+    """A frame's entry in cameras.json: what a solver may know, without pose or truth."""
     mode = frame.settings.mode
     record: dict[str, Any] = {"frame_id": frame.frame_id, "group": frame.group, "mode": mode}
     if mode == "images":
@@ -89,14 +89,14 @@ def finish_dataset(
     environment: dict[str, Any],
     developed_from: str | None = None,
 ) -> None:
-    """Write tables, cameras, sorted journal, and the manifest last: the same bytes in any order of work.
+    """Write tables, cameras, sorted journal and, last, the manifest; the bytes do not depend on the order of work.
 
-    `developed_from` is the dataset_id of the dataset whose radiance was developed, if nothing was rendered here.
+    `developed_from` is the dataset_id of the dataset whose radiance was developed; None for a rendered dataset.
 
     Raises
     ------
     DataError
-        If a frame was rendered from other numbers than those that its truth would be computed from.
+        If a frame was rendered with other values than those that its truth would be computed from.
     """
     contents = _collect(study, dataset, entries)
     listed = _write(dataset, entries, _files_of(study, contents))
@@ -108,7 +108,7 @@ def finish_dataset(
 
 @dataclass(frozen=True)
 class _Contents:
-    """What the frames of a dataset add up to: rows of the truth, cameras, poses by sensor row, points."""
+    """Tables of all frames of a dataset: rows of the truth, cameras, poses by sensor row, points."""
 
     rows: list[dict[str, Any]]
     cameras: list[dict[str, Any]]
@@ -117,7 +117,7 @@ class _Contents:
 
 
 def _collect(study: Study, dataset: Path, entries: dict[int, journal.Entry]) -> _Contents:
-    """Place every frame once more and compute its truth."""
+    """Place every frame again and compute its truth."""
     contents = _Contents([], [], [], {name: [] for name in POINTS_SCHEMA.names})
     for frame in frames_of(study):
         check_numbers(dataset, frame, entries.get(frame.frame_id))
@@ -142,7 +142,7 @@ def _add_points(points: dict[str, list[Any]], frame: Frame, part: Part) -> None:
 
 
 def _files_of(study: Study, contents: _Contents) -> dict[str, bytes]:
-    """Every file but the frames' own, the journal and the manifest."""
+    """All files except those of the frames, the journal and the manifest."""
     table = truth_table(contents.rows)
     written = {
         files.STUDY: study_bytes(study),
@@ -158,7 +158,7 @@ def _files_of(study: Study, contents: _Contents) -> dict[str, bytes]:
 
 
 def _write(dataset: Path, entries: dict[int, journal.Entry], written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Write these files and the sorted journal; checksums and sizes of all files of the dataset."""
+    """Write these files and the sorted journal; return checksums and sizes of all files of the dataset."""
     for name, data in written.items():
         files.write_file(dataset / name, data)
     journal.rewrite(dataset, entries)

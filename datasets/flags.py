@@ -1,7 +1,7 @@
 """Flags of frames that may mislead: saturated, occluded, outside the image.
 
-`saturated`: the marker's sheet is burnt out; `dark`: there was no light, or too little for 1 DN; `occluded`: nothing of
-the marker is visible.
+`saturated`: the marker's sheet is overexposed; `dark`: there was no light, or too little for 1 DN; `occluded`: no part
+of the marker is visible.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def frame_flags(developed: Iterable[str], visible_fractions: Iterable[float]) ->
 
 
 def count_flags(flagged: Iterable[tuple[int, Iterable[str]]]) -> dict[str, int]:
-    """Number of frames with each flag, from pairs (frame_id, flags); frames may stand there more than once."""
+    """Number of frames with each flag, from pairs (frame_id, flags); frames may occur more than once."""
     frames: dict[str, set[int]] = {flag: set() for flag in FLAGS}
     for frame_id, flags in flagged:
         for flag in flags:

@@ -1,4 +1,4 @@
-"""Check that a dataset's frames were rendered from the numbers that its study draws."""
+"""Check that a dataset's frames were rendered with the values that its study draws."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from roundel.scenes.study.identity import SAMPLING_VERSION, frame_digest
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import Frame, frame_of, total_frames
 
-# Datasets of 0.1.0 and before have journal lines without it.
+# Journal lines of datasets from 0.1.0 and earlier do not have it.
 KEY = "numbers_sha256"
 
 
 def check_numbers(dataset: Path, frame: Frame, entry: journal.Entry | None) -> None:
-    """Refuse a frame that was rendered from other numbers; a line without a checksum, or no line, passes.
+    """Refuse a frame that was rendered with other values; a line without a checksum, or a missing line, passes.
 
     Raises
     ------
     DataError
-        With one line that says what to do.
+        If the values differ; the message says what to do.
     """
     if entry is not None and KEY in entry and entry[KEY] != frame_digest(frame):
         raise _other(dataset, frame.frame_id)
@@ -29,13 +29,13 @@ def check_numbers(dataset: Path, frame: Frame, entry: journal.Entry | None) -> N
 
 def _other(dataset: Path, frame_id: int) -> DataError:
     return DataError(
-        f"{dataset}: frame {frame_id} was rendered from other numbers than this version of Roundel draws; "
-        "go on with the version that began it, or render into another folder"
+        f"{dataset}: frame {frame_id} was rendered with other values than this version of Roundel draws; "
+        "continue with the version that started the dataset, or render into another folder"
     )
 
 
 def check_resumable(dataset: Path, entries: dict[int, journal.Entry], digests: dict[int, str]) -> None:
-    """Refuse to add frames to those that are there, unless all were drawn alike.
+    """Refuse to add frames to existing ones, unless all were drawn alike.
 
     Parameters
     ----------
@@ -48,12 +48,12 @@ def check_resumable(dataset: Path, entries: dict[int, journal.Entry], digests: d
     Raises
     ------
     DataError
-        If a frame was drawn otherwise, or its line has no checksum to tell by.
+        If a frame was drawn differently, or its line has no checksum to compare.
     """
     for frame_id, entry in sorted(entries.items()):
         if KEY not in entry:
             raise DataError(
-                f"{dataset}: was begun by a version of Roundel that did not record the numbers of its frames; "
+                f"{dataset}: was started by a version of Roundel that did not record the values of its frames; "
                 "finish it with that version, or render into another folder"
             )
         if entry[KEY] != digests.get(frame_id):
@@ -61,7 +61,7 @@ def check_resumable(dataset: Path, entries: dict[int, journal.Entry], digests: d
 
 
 def other_numbers(dataset: Path, entries: dict[int, journal.Entry]) -> list[str]:
-    """What is wrong with the numbers of a finished dataset's frames, a sentence each; empty when all is well.
+    """Problems with the values of a finished dataset's frames, one sentence each; empty if there are none.
 
     A dataset of another sampling version, or without checksums, is not compared: this version cannot draw its frames.
     """
@@ -74,10 +74,10 @@ def other_numbers(dataset: Path, entries: dict[int, journal.Entry]) -> list[str]
         count = total_frames(study)
         wrong = [i for i in checked if i >= count or entries[i][KEY] != frame_digest(frame_of(study, i))]
     except RoundelError as error:
-        return [f"the numbers of its frames cannot be drawn again ({error})"]
+        return [f"the values of its frames cannot be drawn again ({error})"]
     if not wrong:
         return []
     return [
-        f"{len(wrong)} frames, the first is {wrong[0]}, were rendered from other numbers than their study draws; their "
+        f"{len(wrong)} frames (the first is {wrong[0]}) were rendered with other values than their study draws; their "
         "truth may be wrong: render into another folder"
     ]

@@ -1,4 +1,4 @@
-"""Resuming a dataset: the folder prepared, finished frames found, new ones recorded."""
+"""Resume a dataset: prepare the folder, find finished frames, record new ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from roundel.scenes.study.study import Study, load_study
 
 
 def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
-    """The folder, made ready: the journal's entries whose files are there.
+    """Prepare the folder; return the journal's entries whose files exist.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
                 "name another folder, remove this one, or restore the study"
             )
     elif dataset.is_dir() and any(dataset.iterdir()):
-        raise UsageError(f"{dataset}: is not empty and no dataset; name another folder")
+        raise UsageError(f"{dataset}: is not empty and not a dataset; name another folder")
     else:
         files.write_file(held, study_bytes(study))
     for folder in (dataset, dataset / "images", dataset / "radiance"):
@@ -45,14 +45,14 @@ def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
 
 
 def reopen(dataset: Path, entries: dict[int, journal.Entry]) -> None:
-    """Make way for frames that are still to come: what follows changes files that the manifest vouches for."""
+    """Remove the manifest and journal lines of missing frames, before new frames change files that they list."""
     (dataset / files.MANIFEST).unlink(missing_ok=True)
     if len(entries) < len(journal.read(dataset)):
         journal.rewrite(dataset, entries)
 
 
 def record(dataset: Path, entries: dict[int, journal.Entry], entry: journal.Entry, seconds: dict[str, float]) -> None:
-    """Enter a finished frame, whose files are safe: its journal line and its timings."""
+    """Record a finished frame whose files are safely on disk: its journal line and its timings."""
     journal.append(dataset, entry)
     entries[entry["frame_id"]] = entry
     line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})

@@ -16,7 +16,7 @@ from roundel.scenes.errors import DataError
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong: which file, what, and what to do."""
+    """One problem: the file, what is wrong, and what to do."""
 
     name: str
     what: str
@@ -35,7 +35,7 @@ def _check_file(path: Path, name: str, size: int, digest: str, full: bool) -> st
     if not file.is_file():
         return "missing; run `roundel render` again to restore it"
     if file.stat().st_size != size:
-        return f"{file.stat().st_size} bytes, the manifest says {size}; run `roundel render` again to restore it"
+        return f"{file.stat().st_size} bytes, but the manifest records {size}; run `roundel render` again to restore it"
     if full and _digest(file) != digest:
         return "its sha256 differs from the manifest's; delete it and run `roundel render` again"
     if full and name.endswith((".png", ".jpg", ".exr")):
@@ -56,12 +56,12 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     ----------
     path : path
     full : bool
-        Also compute every sha256, decode every image and draw every frame's numbers again; otherwise sizes only.
+        Also compute every sha256, decode every image and draw every frame's values again; otherwise sizes only.
 
     Returns
     -------
     list of Finding
-        Empty when all is well.
+        Empty if there are no problems.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     try:
         recorded = {n: (int(r["bytes"]), str(r["sha256"])) for n, r in read_manifest(path)["files"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"{file}: its list of files is corrupt; run `roundel render` again to write it anew") from error
+        raise DataError(f"{file}: its list of files is corrupt; run `roundel render` again to rewrite it") from error
     findings = []
     for name, (size, digest) in sorted(recorded.items()):
         wrong = _check_file(path, name, size, digest, full)
@@ -90,7 +90,7 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
             findings += [Finding(files.JOURNAL, what) for what in other_numbers(path, entries)]
         listed = {name for entry in entries.values() for name in entry["files"]}
         for name in sorted(n for n in recorded if n.startswith(("images/", "radiance/")) and n not in listed):
-            findings.append(Finding(name, "in the manifest but not in the journal; run `roundel render` again"))
+            findings.append(Finding(name, "listed in the manifest but not in the journal; run `roundel render` again"))
     except DataError as error:
         findings.append(Finding(files.JOURNAL, str(error)))
     return findings

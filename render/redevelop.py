@@ -33,7 +33,7 @@ def _source_study(dataset: Path, manifest: dict[str, Any]) -> Study:
         raise DataError(f"{dataset / files.STUDY}: is not the study of this dataset; restore it")
     rendered = {name: group for name, group in study.groups.items() if group.mode == "images"}
     if not rendered:
-        raise UsageError(f"{dataset}: has points, no images: there is nothing to develop")
+        raise UsageError(f"{dataset}: has points but no images; there is nothing to develop")
     for name, group in rendered.items():
         if not group.render.radiance:
             raise UsageError(
@@ -59,7 +59,7 @@ def _develop_frame(
     same = before.settings.model_dump(exclude={"sensor"}) == frame.settings.model_dump(exclude={"sensor"})
     if not same or not np.array_equal(before.camera_from_sheet, frame.camera_from_sheet):
         raise UsageError(
-            f"frame {frame.frame_id}: its spreads would be drawn anew with this sensor; give numbers, not spreads"
+            f"frame {frame.frame_id}: its values would be drawn again with this sensor; give numbers, not distributions"
         )
     check_numbers(source, before, old)
     planes = _checked_radiance(source, old)

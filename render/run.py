@@ -131,7 +131,7 @@ def _rendered(
         try:
             yield from pool.map(_work, frame_ids)
         except BrokenProcessPool as error:
-            raise DataError("a rendering process died; run again to go on") from error
+            raise DataError("a rendering process died; run the command again to continue") from error
         finally:
             pool.shutdown(cancel_futures=True)
 

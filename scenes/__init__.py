@@ -1,1 +1,1 @@
-"""What stands before the camera, and the exact truth about it."""
+"""The scene in front of the camera, and the exact truth about it."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 class RoundelError(Exception):
-    """An expected failure: the command prints its message on one line and ends with `exit_code`."""
+    """An expected failure: the command prints its message on one line and exits with status `exit_code`."""
 
     exit_code = 4
 
@@ -20,7 +20,7 @@ class UsageError(RoundelError):
 
 
 class NotComparableError(RoundelError):
-    """Unlike things were to be compared, or too few of them (none counts)."""
+    """Results that cannot be compared, or too few results (including none)."""
 
     exit_code = 3
 
@@ -51,12 +51,12 @@ class StudyError(RoundelError):
         super().__init__(f"{path}:{line}:{column}: {message}")
 
     def __reduce__(self) -> tuple[type[StudyError], tuple[str, Path, int, int]]:
-        # Pickled by its parts, not by its whole sentence: it may come from another process.
+        # Pickle the parts rather than the whole message: the error may come from another process.
         return type(self), (self.reason, self.path, self.line, self.column)
 
 
 def did_you_mean(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The known word nearest to one that is not known, as a question; empty if none is near.
+    """The known word closest to an unknown one, as a question; empty if none is close.
 
     Examples
     --------
@@ -68,5 +68,5 @@ def did_you_mean(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """First line of an exception's text, or the name of its type if it has none: for one-line messages."""
+    """First line of an exception's text for one-line messages; the name of its type if it has no text."""
     return next(iter(str(error).splitlines()), type(error).__name__)

@@ -1,12 +1,12 @@
 """Fidelity: difference between the rendered image of a circle and its float64 prediction.
 
-The radiance around a circle is explained, by weighted linear least squares, as
+The radiance around a circle is modelled by weighted linear least squares as
 
     Y = E(x, y) (P + shift . dP + growth dP),
 
-with P the predicted pattern of the print, E a quadratic (smooth light; a quadratic a colour where pixels have colour
-filters). What the fit asks for is the bias of the edge. Without shift and growth, what is left of each pixel is held
-against its own Monte-Carlo error: a t-test with Sidak's correction, and a chi-square test of all together.
+where P is the predicted pattern of the print and E a quadratic (smooth light; one quadratic per colour if pixels have
+colour filters). The fitted shift and growth are the bias of the edge. Without them, the residual of each pixel is
+compared with its own Monte-Carlo error: a t-test with Sidak's correction, and a chi-square test of all pixels together.
 """
 
 from __future__ import annotations
@@ -28,31 +28,31 @@ from roundel.scenes.world.frame import Frame
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Pixels this far beyond the blurred edge take part: they tell what light and reflectances are.
+# Pixels this far beyond the blurred edge are included: they determine light and reflectances.
 _BAND_PX = 2
 
-# Where a blurred edge begins and ends: the Airy pattern's tail would make it the whole image.
+# Coverage at which a blurred edge begins and ends: the Airy pattern's tail would extend it over the whole image.
 _EDGE, _ROUNDING = 0.01, 1e-9
 
-# Pixels of the test: where the edge only grazes a pixel, a replicate hardly meets it; nothing Gaussian there.
+# Least coverage of tested pixels: if the edge only grazes a pixel, few rays hit it and the error is not Gaussian.
 _TESTED = 0.05
 
-# Fewer pixels than this cannot tell a shift from light.
+# Fewer pixels than this cannot separate a shift from a change of light.
 _FEWEST = 40
 
-# What the prediction itself may be off by, of the contrast: its nodes are chosen for it, tests hold it.
+# Error of the prediction itself, as a fraction of the contrast: its nodes are chosen for it, and tests confirm it.
 _PREDICTION_ERROR = 1e-3
 
-# Eight replicates of few rays may agree by chance, and their variance be nothing: it counts as this part of its like.
+# Eight replicates of few rays may agree by chance: the variance is at least this fraction of the model's.
 _LEAST_VARIANCE = 0.25
 
-# A contrast, in units of radiance, that no light makes.
+# Contrast, in units of radiance, at or below which no light falls on the circle.
 _DARK = 1e-9
 
 
 @dataclass(frozen=True)
 class _Band:
-    """The pixels that are compared: where they are, what was rendered, which colour (0, 1, 2) each sees."""
+    """The pixels that are compared: position, rendered value, and the colour (0, 1, 2) of each pixel's filter."""
 
     rows: NDArray[np.int64]
     columns: NDArray[np.int64]
@@ -70,7 +70,7 @@ def measure_circle(
     ----------
     frame : Frame
     marker_id : int
-        Of a circular part.
+        Identifier of a circular part.
     radiance, variance : (H, W) arrays
         Linear radiance and the variance of its Monte-Carlo estimate.
 
@@ -79,8 +79,8 @@ def measure_circle(
     dict
         `effect`: what blurs or bends the edge; `shift_x_px`, `shift_y_px`: displacement of the rendered edge from the
         predicted one; `scale_px`: how much larger it is, along the normal; `shift_se_px`: standard error of a shift;
-        `residual`: RMS of what is left in the band, `monte_carlo`: RMS that the recorded variance predicts, both as
-        fractions of the edge's contrast; `pixels`; and `z_...`, see `pixel_test`. Where there is nothing to compare
+        `residual`: RMS residual in the band, `monte_carlo`: RMS that the recorded variance predicts, both as fractions
+        of the edge's contrast; `pixels`; and `z_...`, see `pixel_test`. If there is nothing to compare,
         `{"reason": ...}`.
     """
     reason = obstacle(frame, marker_id)
@@ -93,9 +93,9 @@ def measure_circle(
     except ValueError as error:
         return {"reason": str(error)}
     if predictions[0].step == 0:
-        return {"reason": "ink and paper are alike"}
+        return {"reason": "ink and paper have the same reflectance"}
     if frame.sheet.clutter is not None and any(seen.border for seen in predictions):
-        return {"reason": "clutter on the wall is seen at its edge"}
+        return {"reason": "clutter on the wall is visible at its edge"}
     return compare(frame, predictions, radiance, variance)
 
 
@@ -108,14 +108,14 @@ def _colour_of(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]
 
 
 def _predictions(frame: Frame, marker_id: int) -> list[Prediction]:
-    """One prediction for all pixels, or one for those of each colour, if light of each is diffracted its own way."""
+    """One prediction for all pixels, or one per colour if diffraction depends on the colour."""
     from dataclasses import replace
 
     part = next(p for p in frame.sheet.parts if p.marker_id == marker_id)
     camera = frame.camera
     if frame.settings.sensor.mosaic == "none" or len(camera.wavelengths_m) != 3:
         return [predict(frame, part)]
-    # The widest pattern says how large a window all of them need.
+    # The widest pattern determines the window that all of them need.
     by_width = sorted(range(3), key=lambda i: -camera.wavelengths_m[i])
     found: dict[int, Prediction] = {}
     window = None
@@ -127,7 +127,7 @@ def _predictions(frame: Frame, marker_id: int) -> list[Prediction]:
 
 
 def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _Band | str:
-    """The pixels to compare; a reason if the image's border cuts them."""
+    """The pixels to compare; a reason if the image border cuts them off."""
     low = _ROUNDING if is_sharp(frame) else _EDGE
     edge = (seen.coverage > low) & (seen.coverage < 1 - low)
     wide = np.pad(edge, _BAND_PX)
@@ -140,7 +140,7 @@ def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _B
     if len(rows) == 0:
         return "smaller than a pixel"
     if rows.min() < 0 or columns.min() < 0 or rows.max() >= height or columns.max() >= width:
-        return "cut by the image's border"
+        return "cut off by the image border"
     observed, spread = (np.asarray(a)[rows, columns].astype(np.float64) for a in (radiance, variance))
     return _Band(rows, columns, observed, spread, _colour_of(frame, rows, columns))
 
@@ -156,7 +156,7 @@ def _pick(predictions: list[Prediction], band: _Band, name: str) -> Array:
 
 
 def _light(predictions: list[Prediction], band: _Band) -> tuple[Array, Array]:
-    """Smooth light: 1, u, v, u^2, u v, v^2, a colour each, (n, 6 a colour); and what pixels see of it on the print."""
+    """Smooth light: 1, u, v, u^2, u v, v^2 per colour, (n, 6 per colour); and the same modulated by the print."""
     half = max(np.ptp(band.rows), np.ptp(band.columns)) / 2
     u, v = ((a - (a.max() + a.min()) / 2) / half for a in (band.columns, band.rows))
     one, none = np.ones_like(u), np.zeros_like(u)
@@ -171,17 +171,17 @@ def _light(predictions: list[Prediction], band: _Band) -> tuple[Array, Array]:
 
 def _solve(design: Array, observed: Array, weight: Array) -> Array:
     root = np.sqrt(weight)
-    # Columns brought to a common size: light that leaves a channel dark must not spoil the others.
+    # Scale columns to a common norm: a dark channel must not degrade the conditioning of the others.
     size = np.maximum(np.linalg.norm(design * root[:, None], axis=0), 1e-300)
     solution, *_ = np.linalg.lstsq(design * root[:, None] / size, observed * root, rcond=1e-12)
     return np.asarray(solution / size, dtype=np.float64)
 
 
 def _standard_error(design: Array, weight: Array, left: Array) -> Array:
-    """Standard errors (k,) of a weighted fit from what it left, (n,), whatever the true variances are.
+    """Standard errors (k,) of a weighted fit from its residuals (n,), whatever the true variances are.
 
-    White's estimator (H. White 1980): weights that are wrong, as in flat light where most pixels have no noise at all,
-    cost precision but do not flatter it.
+    White's estimator (H. White 1980): wrong weights, as in flat light where most pixels have no noise at all, reduce
+    the precision but do not bias the standard error.
     """
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     scaled = design / size
@@ -191,20 +191,20 @@ def _standard_error(design: Array, weight: Array, left: Array) -> Array:
 
 
 def _smooth_variance(band: _Band, light: Array, coverage: Array) -> Array:
-    """Variance of pixels as light and edge explain it; a pixel's own estimate, from 8 replicates, is too wild."""
+    """Variance of pixels modelled by light and edge; a pixel's own estimate, from 8 replicates, is too noisy."""
     power = light**2 / max(float(np.mean(light**2)), 1e-300)
     terms = np.stack([np.ones_like(coverage), power, 4 * coverage * (1 - coverage)], axis=1)
     scale = max(float(band.variance.max()), 1e-300)
     parts, _ = nnls(terms, band.variance / scale)
     model = terms @ parts * scale
-    # An edge pixel in a quiet surrounding must not weigh nothing beside it.
+    # An edge pixel with noise-free neighbours must keep some weight.
     return np.asarray(np.maximum(model, 0.02 * model.max()), dtype=np.float64)
 
 
 def compare(
     frame: Frame, predictions: list[Prediction], radiance: NDArray[np.float32], variance: NDArray[np.float32]
 ) -> dict[str, Any]:
-    """What `measure_circle` returns, from predictions (one, or one a colour)."""
+    """Result of `measure_circle`, from predictions (one, or one per colour)."""
     found = _band_of(frame, predictions[0], radiance, variance)
     if isinstance(found, str):
         return {"reason": found}

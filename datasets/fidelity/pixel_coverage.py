@@ -1,8 +1,8 @@
 """Exact areas of closed curves in pixels, by Green's theorem.
 
-A segment that goes by dy within one pixel adds to that pixel dy times its distance to the pixel's right side, and dy
-times the pixel's width to every pixel right of it; a sum along the rows then leaves the area inside. The
-exact-coverage rasterisers of font renderers work so (R. Levien, "Inside the fastest font renderer in the world", 2016).
+A segment with height dy within one pixel adds to that pixel dy times its distance to the pixel's right side, and dy
+times the pixel's width to every pixel right of it; a sum along the rows then gives the area inside. Exact-coverage
+rasterisers of font renderers use this method (R. Levien, "Inside the fastest font renderer in the world", 2016).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ Cells = NDArray[np.int64]
 class Areas:
     """Sums over the segments of closed curves, in a window of pixels.
 
-    Pixels collect light in centred squares with a side of `side` pixels. Curves run from +x toward +y; those that run
-    the other way count as holes. Each segment has `kinds` weights, and each of these a sum of its own.
+    Pixels collect light in centred squares with a side of `side` pixels. Curves run from +x toward +y; curves in the
+    other direction count as holes. Each segment has `kinds` weights, and each kind has its own sum.
     """
 
     def __init__(self, row0: int, col0: int, height: int, width: int, side: float = 1.0, kinds: int = 1) -> None:
         self.row0, self.col0, self.side = row0, col0, side
         self.height, self.width = height, width
-        # One column more takes what falls right of the window.
+        # One extra column collects what falls right of the window.
         self._steps = np.zeros((kinds, height * (width + 1)))
         self._edges = np.zeros((3, height * (width + 1)))
 
     def add(self, x0: Array, y0: Array, x1: Array, y1: Array, weights: Array) -> None:
-        """Add segments (n,) from (x0, y0) to (x1, y1), with weights (kinds, n); every row that they cross sees them."""
+        """Add segments (n,) from (x0, y0) to (x1, y1), with weights (kinds, n), in every row that they cross."""
         source, start, end, cell = _cut(y0, y1, self.side)
         row, inside = _place(cell, self.side)
         keep = inside & (row >= self.row0) & (row < self.row0 + self.height)
@@ -38,7 +38,7 @@ class Areas:
         self._add_within_rows(x0, y0, x1, y1, weights, source, start, end, row)
 
     def add_to_rows(self, x0: Array, y0: Array, x1: Array, y1: Array, weights: Array, row: Cells) -> None:
-        """Add segments of which each is seen by one row of pixels only."""
+        """Add segments that each belong to one row of pixels only."""
         low, high = row - self.side / 2, row + self.side / 2
         level = y0 == y1
         span = np.where(level, 1.0, y1 - y0)
@@ -52,14 +52,14 @@ class Areas:
     def _add_within_rows(
         self, x0: Array, y0: Array, x1: Array, y1: Array, weights: Array, source: Cells, s: Array, e: Array, row: Cells
     ) -> None:
-        """Add the parts from s to e of segments `source`, each within one row: cut them at the sides of columns."""
+        """Add the parts from s to e of segments `source`, each within one row; cut them at column boundaries."""
         dx, dy = (x1 - x0)[source], (y1 - y0)[source]
         xs, xe = x0[source] + s * dx, x0[source] + e * dx
         dy = (e - s) * dy
         part, s, e, cell = _cut(xs, xe, self.side)
         column, inside = _place(cell, self.side)
         dx = (xe - xs)[part]
-        # Of the square's width, how much lies left of the middle of the piece.
+        # Width of the square to the left of the piece's midpoint.
         left = np.clip((xs[part] + (s + e) / 2 * dx - column) / self.side + 0.5, 0.0, 1.0)
         dx, dy = (e - s) * dx, (e - s) * dy[part]
         column = column - self.col0
@@ -89,7 +89,7 @@ class Areas:
 
 
 def _cut(a0: Array, a1: Array, side: float) -> tuple[Cells, Array, Array, Cells]:
-    """Cut segments from a0 to a1 at the sides of the pixels' squares, along one axis.
+    """Cut segments from a0 to a1 at the boundaries of the pixels' squares, along one axis.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def _cut(a0: Array, a1: Array, side: float) -> tuple[Cells, Array, Array, Cells]
     cell = first[source] + np.where(upward, number, -number)
     span = np.where(steps == 0, 1.0, a1 - a0)[source]
     origin = a0[source]
-    # A piece that goes up enters by its cell's lower side and leaves by the upper one.
+    # A piece that goes up enters its cell at the lower side and leaves it at the upper side.
     lower, upper = _lower_side(cell, side), _lower_side(cell + 1, side)
     start = np.where(number == 0, 0.0, (np.where(upward, lower, upper) - origin) / span)
     end = np.where(number == count[source] - 1, 1.0, (np.where(upward, upper, lower) - origin) / span)
@@ -119,7 +119,7 @@ def _cut(a0: Array, a1: Array, side: float) -> tuple[Cells, Array, Array, Cells]
 
 
 def _cell(a: Array, side: float) -> Cells:
-    """The cell of each coordinate: pixel i where pixels touch; otherwise 2 i its square, 2 i + 1 the gap behind it."""
+    """The cell of each coordinate: pixel i if pixels touch, else 2 i for its square, 2 i + 1 for the gap after it."""
     pixel = np.floor(a + side / 2)
     if side == 1.0:
         return pixel.astype(np.int64)
@@ -134,7 +134,7 @@ def _lower_side(cell: Cells, side: float) -> Array:
 
 
 def _place(cell: Cells, side: float) -> tuple[Cells, NDArray[np.bool_]]:
-    """Pixel of each cell, and whether it is the pixel's square rather than the gap behind it."""
+    """Pixel of each cell, and whether the cell is the pixel's square rather than the gap after it."""
     if side == 1.0:
         return cell, np.ones(len(cell), dtype=bool)
     pixel, gap = np.divmod(cell, 2)

@@ -1,9 +1,9 @@
 """Test whether pixels differ from a prediction by their Monte-Carlo error alone.
 
-Each difference over its standard error is Student's t with 7 degrees of freedom, as a pixel's variance comes from 8
-replicates. Its normal score z is tested twice: the worst of n pixels against Sidak's limit (Sidak 1967), which sees a
-few wrong pixels, and the sum of squares against chi-square, which sees many that are a little wrong. Both together
-reject one right image in a hundred.
+Each difference over its standard error follows Student's t with 7 degrees of freedom, because a pixel's variance comes
+from 8 replicates. Its normal score z is tested twice: the worst of n pixels against Sidak's limit (Sidak 1967), which
+detects a few wrong pixels, and the sum of squares against chi-square, which detects many slightly wrong pixels. Both
+tests together reject one correct image in a hundred.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.01
 
-# A pixel's replicates are stratified counts, not Gaussian numbers: the sum of squares may exceed its own by this much.
+# Replicates are stratified counts, not Gaussian: the sum of squares may exceed its expected value by this factor.
 _SLACK = 1.1
 
 
@@ -38,7 +38,7 @@ def pixel_test(difference: Array, variance: Array) -> dict[str, Any]:
     -------
     dict
         `z_pixels`: n; `z_worst`: the largest absolute score, and `z_limit`; `z_rms`: the root of the scores' mean
-        square, and `z_rms_limit`; `z_passed`: whether both stay within.
+        square, and `z_rms_limit`; `z_passed`: whether both are within their limits.
     """
     from scipy.stats import chi2, norm
 

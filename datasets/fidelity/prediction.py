@@ -1,9 +1,9 @@
 """Predicted image of a print in float64: the pattern integrated over pixel, lens, time and wavelength.
 
-Nothing here is shared with the generator of rays but the camera's forward projection and the motion: where that goes
-from a pixel to the scene, this goes from the edges of the print to the image. At each of many nodes (a point of the
-lens, a time, an offset of the Airy pattern, a place on the ramp of a soft edge) an edge is a sharp closed curve, whose
-area in each pixel is exact; their mean is the prediction.
+This module shares only the camera's forward projection and the motion with the ray generator: that goes from a pixel to
+the scene, this goes from the edges of the print to the image. At each of many nodes (a point of the lens, a time, an
+offset of the Airy pattern, a position on the ramp of a soft edge) an edge is a sharp closed curve, whose area in each
+pixel is exact; the mean over the nodes is the prediction.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from roundel.scenes.world.frame import Frame
 Array = NDArray[np.float64]
 Window = tuple[int, int, int, int]
 
-# Sagitta of the polygon's chords: nothing is averaged over a sharp edge, much over a blurred one.
+# Sagitta of the polygon's chords: a sharp edge has one node, a blurred one averages over many.
 _SHARP_PX, _BLURRED_PX = 1e-6, 1e-3
 
-# Between vertices of straight edges: distortion bends a chord of this length by less than 1e-3 px.
+# Distance between vertices of straight edges: distortion bends a chord of this length by less than 1e-3 px.
 _SIDE_PX = 2.0
 
-# Vertices and nodes that show how far the nodes spread an edge.
+# Numbers of vertices and nodes used to estimate how far the nodes spread an edge.
 _COARSE, _FEW = 48, 128
 
 
@@ -43,16 +43,16 @@ class Prediction:
     coverage : (h, w) array
         Fraction of each pixel's light that comes from inside the circle.
     pattern : (h, w) array
-        Mean reflectance that the pixel sees under even light.
+        Mean reflectance that the pixel sees under uniform illumination.
     drift_x, drift_y : (h, w) arrays
-        Mean of reflectance times distance, in pixels, from the pixel to where the light that it sees falls: where light
-        changes by g a pixel, the pixel sees g times that more.
+        Mean of reflectance times distance, in pixels, from the pixel to the point that reflects the light: if the light
+        changes by g per pixel, the pixel sees g times that more.
     shift_x, shift_y, growth : (h, w) arrays
         Derivatives of `pattern` per pixel: of a shift of the whole print, and of the circle's growth along its normal.
     step : float
-        How much the reflectance rises from outside the circle to inside.
+        Increase of the reflectance from outside the circle to inside.
     border : bool
-        Whether the wall beyond the sheet's border is seen there.
+        Whether the wall beyond the sheet's border is visible there.
     """
 
     row0: int
@@ -70,7 +70,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class _View:
-    """Where an edge is imaged: mean contour (v, 2), the box of all nodes, and how far they spread it, in pixels."""
+    """Image of an edge: mean contour (v, 2), the box of all nodes, and how far they spread it, in pixels."""
 
     contour: Array
     low: Array
@@ -87,7 +87,7 @@ class _View:
 
 
 def is_sharp(frame: Frame) -> bool:
-    """Whether nothing blurs the frame's edges but the pixel."""
+    """Whether only the pixel blurs the frame's edges."""
     return active_dimensions(frame.camera, frame.motion, frame.sheet.edge_softness_m) == 0
 
 
@@ -102,7 +102,7 @@ def circle_of(frame: Frame, part: Part) -> tuple[Outline, list[Outline]]:
     for i, edge in enumerate(edges):
         if edge.corners_m is None and (edge.x_m, edge.y_m, edge.radius_m) == (part.x_m, part.y_m, part.radius_m):
             return edge, [border, *edges[:i], *edges[i + 1 :]]
-    raise ValueError(f"marker {part.marker_id} is no circle of the print")
+    raise ValueError(f"marker {part.marker_id} is not a circle of the print")
 
 
 def _view(frame: Frame, outline: Outline, nodes: Nodes, box: Box | None = None) -> _View:
@@ -112,16 +112,16 @@ def _view(frame: Frame, outline: Outline, nodes: Nodes, box: Box | None = None) 
     x, y = outline.points_m(_COARSE, few.ramp)
     px = np.stack(images_of(frame, x, y, few, box), axis=-1)
     if not np.all(np.isfinite(px)):
-        raise ValueError("part of the print is behind the camera, or where the lens images nothing")
+        raise ValueError("part of the print is behind the camera or outside the lens's field")
     mean = px.mean(axis=0)
     spread = float(np.linalg.norm(px - mean, axis=-1).max())
-    # Few nodes and vertices miss the last bit of a blur, and the bulge of a circle between two vertices.
+    # Few nodes and vertices miss the outermost blur and the bulge of a circle between two vertices.
     margin = airy_px + 0.2 * spread + 0.005 * float(np.ptp(mean, axis=0).max())
     return _View(mean, px.min(axis=(0, 1)) - margin, px.max(axis=(0, 1)) + margin, spread + margin)
 
 
 def _box(frame: Frame, circle: Outline, view: _View, nodes: Nodes) -> Box:
-    """A box round a circle's edge, far enough that what is pressed into it is not seen at the circle."""
+    """A box around a circle's edge, large enough that clamping other edges to it does not change the circle's image."""
     pinhole = replace(frame, camera=replace(frame.camera, distortion=(), distortion_model="opencv"))
     few = nodes.few(_FEW)
     x, y = images_of(pinhole, *circle.points_m(_COARSE, few.ramp), few)
@@ -133,7 +133,7 @@ def _box(frame: Frame, circle: Outline, view: _View, nodes: Nodes) -> Box:
 
 
 def _near(view: _View, other: _View) -> bool:
-    """Whether another edge is seen in the pixels that the first one is spread over."""
+    """Whether another edge is visible in the pixels covered by the blur of the first."""
     from scipy.spatial import cKDTree
 
     closed = np.concatenate([other.contour, other.contour[:1]])
@@ -144,15 +144,15 @@ def _near(view: _View, other: _View) -> bool:
 
 
 def _vertices(outline: Outline, extent_px: float, sharp: bool) -> int:
-    """How many vertices stand for an outline of this extent in the image."""
+    """Number of vertices for an outline of this extent in the image."""
     if outline.corners_m is None:
         return int(np.ceil(np.pi * np.sqrt(extent_px / (4 * (_SHARP_PX if sharp else _BLURRED_PX))))) + 16
     return int(np.ceil(4 * extent_px / _SIDE_PX)) + 16
 
 
 def _light_offsets(frame: Frame, circle: Outline, nodes: Nodes) -> Array:
-    """How far (n, 2), in pixels, each node displaces what lies still under the lights, from the mean."""
-    # Light does not move with the marker.
+    """Displacement (n, 2) from the mean, in pixels, of a point that is fixed under the lights, for each node."""
+    # The light does not move with the marker.
     still = replace(frame, motion=replace(frame.motion, marker_twist=np.zeros(6)))
     px = np.concatenate(images_of(still, np.array([[circle.x_m]]), np.array([[circle.y_m]]), nodes), axis=1)
     return np.asarray(px - px.mean(axis=0), dtype=np.float64)
@@ -165,11 +165,11 @@ def predict(frame: Frame, part: Part, window: Window | None = None, nodes: Nodes
     ----------
     frame : Frame
     part : Part
-        With a radius.
+        A part with a radius.
     window : (row0, col0, height, width), optional
-        By default all that the circle's edge can reach; it may lie outside the image.
+        By default everything that the circle's edge can reach; it may extend beyond the image.
     nodes : Nodes, optional
-        What to average over.
+        Nodes to average over.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The pattern of a print as closed edges with their steps of reflectance."""
+"""The pattern of a print as closed edges with their reflectance steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Outline:
-    """A closed edge in the plane of a sheet, and by how much the reflectance rises inside it.
+    """A closed edge in the plane of a sheet, and the increase of the reflectance inside it.
 
     A circle of `radius_m` about (x_m, y_m), or else a polygon of `corners_m` (n, 2), counterclockwise seen from the
     front. `softness_m` is the width of its ramp.
@@ -28,15 +28,15 @@ class Outline:
     corners_m: Array | None = None
 
     def points_m(self, count: int, ramp: Array) -> tuple[Array, Array]:
-        """Coordinates (m, count) of points along it, for m places (m, 2) on its ramp; clockwise seen from the front."""
+        """Coordinates (m, count) of points along it, for m ramp positions (m, 2); clockwise seen from the front."""
         shift = self.softness_m * ramp
         if self.corners_m is None:
             turn = -2 * np.pi * np.arange(count) / count
-            # A little outside, so that the polygon has the circle's area.
+            # Slightly larger, so that the polygon has the circle's area.
             swell = np.sqrt(2 * np.pi / count / np.sin(2 * np.pi / count))
             radius = (self.radius_m + shift[:, :1]) * swell
             return self.x_m + radius * np.cos(turn), self.y_m + radius * np.sin(turn)
-        # y points down in the image: seen there, the way back along the corners goes from +x toward +y.
+        # y points down in the image: the reversed order of corners runs from +x toward +y there.
         corners = self.corners_m[::-1]
         lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         counts = np.maximum(1, np.round(count * lengths / lengths.sum())).astype(np.int64)
@@ -70,13 +70,13 @@ def _of_shape(shape: Shape, beneath: float, softness_m: float) -> list[Outline]:
             if (i + j) % 2 == 0
         ]
         return [Outline(step, softness_m, corners_m=_rectangle(x, y, side, side)) for x, y in places]
-    raise TypeError(f"no outlines of a {type(shape).__name__}")
+    raise TypeError(f"cannot outline a {type(shape).__name__}")
 
 
 def outlines_of(sheet: Sheet) -> tuple[Outline, list[Outline]]:
-    """The border of a sheet, and the edges of its ink; shapes lie beside or within one another, as all kinds do.
+    """The border of a sheet and the edges of its ink; shapes are disjoint or nested, as in all kinds of markers.
 
-    The sum of steps times what is inside, on top of the wall's reflectance, is the reflectance of the print.
+    The reflectance of the print is the wall's reflectance plus the steps of all edges that enclose the point.
     """
     low, high = np.array(sheet.low_m), np.array(sheet.high_m)
     border = Outline(sheet.paper - sheet.wall, 0.0, corners_m=_rectangle(*(low + high) / 2, *(high - low)))

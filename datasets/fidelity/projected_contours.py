@@ -1,6 +1,6 @@
 """Images of a print's edges, by forward projection only.
 
-Seen through one point of the lens, at one time, displaced by one offset of the Airy pattern, an edge is a sharp curve.
+Through one point of the lens, at one time and one offset of the Airy pattern, the image of an edge is a sharp curve.
 A scene point (X, Y, Z) seen through the lens point l of a thin lens focused at u has the undistorted normalised
 coordinates (X, Y) / Z + l (1/u - 1/Z); the distortion and K then apply.
 """
@@ -22,29 +22,29 @@ from roundel.scenes.world.frame import Frame
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-# Segments in work at once: small enough for a processor's cache.
+# Segments processed at once: small enough for a processor's cache.
 _CHUNK = 60_000
 
-# Poses over exposure and read-out, as polynomials of this degree in time: exact to 1e-12 for a quarter of a turn.
+# Degree in time of the polynomials for poses over exposure and readout: exact to 1e-12 for a quarter of a turn.
 _DEGREE = 12
 
-# Faster edges, in rows a row, outrun the shutter; others are found within so many rows of where they were looked for.
+# Edges faster than this, in rows per row, outrun the shutter; others are found within so many rows of the first guess.
 _FASTEST, _MAX_ROWS = 0.8, 24
 
-# Steps to the row that sees a point; each shrinks the error by the speed, in rows a row.
+# Steps to the row that sees a point; each reduces the error by the speed, in rows per row.
 _ROW_STEPS = 8
 
 
 class OutrunsShutterError(ValueError):
-    """An edge moves nearly as fast as the rows are read: what each row sees of it is not predicted."""
+    """An edge moves nearly as fast as the rows are read out, so that its image is not predicted."""
 
 
 @dataclass(frozen=True)
 class Box:
     """A box (x, y) of undistorted normalised coordinates.
 
-    Edges far from the circle of interest are pressed into it: that changes nothing within, and spares the lens what it
-    cannot image.
+    Edges far from the circle of interest are clamped to it: this changes nothing inside, and avoids points that the
+    lens cannot image.
     """
 
     low: Array
@@ -54,7 +54,7 @@ class Box:
 def image_points(
     frame: Frame, points: list[Array], lens_m: Array, airy_px: Array, box: Box | None = None
 ) -> tuple[Array, Array]:
-    """Where points of the camera frame (three arrays) are imaged, by their points of lens and Airy pattern (2, ...)."""
+    """Images of points of the camera frame (three arrays), given points of lens and Airy pattern (2, ...)."""
     camera = frame.camera
     x, y, z = points
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,12 +68,12 @@ def image_points(
 
 
 def _placed(pose: Array, x: Array, y: Array) -> list[Array]:
-    """Points of a sheet's plane in the camera frame, by poses (..., 3, 3) of columns x axis, y axis and origin."""
+    """Points of a sheet's plane in the camera frame, given poses (..., 3, 3) with columns x axis, y axis and origin."""
     return [pose[..., i, 0] * x + pose[..., i, 1] * y + pose[..., i, 2] for i in range(3)]
 
 
 def _poses(frame: Frame, time: Array) -> Array:
-    """Poses (..., 3, 3), columns x axis, y axis and origin, at many times (...)."""
+    """Poses (..., 3, 3) with columns x axis, y axis and origin, at times (...)."""
     if not frame.motion.moves:
         return np.broadcast_to(frame.camera_from_sheet[:3, [0, 1, 3]], (*time.shape, 3, 3))
     middle, half = (time.max() + time.min()) / 2, max((time.max() - time.min()) / 2, 1e-12)
@@ -110,9 +110,9 @@ def add_outline(
     outline : Outline
     nodes : Nodes
     count : int
-        Vertices of the polygon that stands for the outline.
+        Number of vertices of the polygon that approximates the outline.
     weights : (kinds, n) array
-        Of each node, for each kind of sum.
+        Weight of each node, for each kind of sum.
     into : Areas
     box : Box, optional
 
@@ -135,10 +135,10 @@ def add_outline(
 
 
 def _add_rolling(frame: Frame, x: Array, y: Array, nodes: Nodes, weights: Array, into: Areas, box: Box | None) -> None:
-    """Each row of pixels sees the outline at its own time: add to each row the segments that it can see."""
+    """Add to each row of pixels the segments that it sees at its own time."""
     motion = frame.motion
     count, size = len(nodes), x.shape[1]
-    # Rows beside the window are there for edges to be found outside it.
+    # Rows beside the window let edges be found outside it.
     low, high = into.row0 - _MAX_ROWS, into.row0 + into.height + _MAX_ROWS
     table = _poses(frame, nodes.time_s[:, None] + motion.row_time_s(np.arange(low, high)))
     node = np.repeat(np.arange(count), size)
@@ -152,7 +152,7 @@ def _add_rolling(frame: Frame, x: Array, y: Array, nodes: Nodes, weights: Array,
         points = _placed(table[node[which], row - low], x[which], y[which])
         return image_points(frame, points, lens[:, which], airy[:, which], box)
 
-    # Which row sees a vertex: known well for the first node, and from there within a row for all.
+    # Row that sees a vertex: solved for the first node, and within a row of that for all others.
     _, near = images_of(frame, x[:1], y[:1], nodes.part(0), box)
     row = np.clip(np.rint(near), low, high - 1).astype(np.int64)
     ahead = np.where(row > low, -1, 1)
@@ -166,8 +166,8 @@ def _add_rolling(frame: Frame, x: Array, y: Array, nodes: Nodes, weights: Array,
     row = np.clip(np.rint(row + (guess - row) / (1 - speed)), low, high - 1).astype(np.int64)
     px = at(everything, row, x0, y0)
     if fastest >= _FASTEST:
-        raise OutrunsShutterError(f"the marker moves by {fastest:.2g} rows while one row is read")
-    # In row + d a segment from y to y + rise stands at y + speed d; its other end was seen some rows aside.
+        raise OutrunsShutterError(f"the marker moves by {fastest:.2g} rows while one row is read out")
+    # In row + d a segment from y to y + rise is at y + speed d; its other end is seen some rows away.
     rise = (np.roll(px[1].reshape(count, size), -1, axis=1) - px[1].reshape(count, size)).ravel()
     top, bottom = px[1] + np.minimum(rise, 0.0) - row, px[1] + np.maximum(rise, 0.0) - row
     slack = 0.52 + 2.2 * fastest

@@ -13,7 +13,7 @@ from roundel.scenes.camera.motion import Motion
 
 Array = NDArray[np.float64]
 
-# The Airy pattern is cut where x = 2 pi A alpha / lambda reaches this, and what lies within is all of it.
+# The Airy pattern is truncated where x = 2 pi A alpha / lambda reaches this, and renormalised.
 AIRY_LIMIT = 64.0
 _AIRY_TABLE = 8192
 
@@ -22,18 +22,18 @@ _SEED = 20_260_101
 
 @dataclass(frozen=True)
 class Nodes:
-    """Equally weighted points (n,) of all that blurs an edge.
+    """Equally weighted points (n,) over everything that blurs an edge.
 
     Attributes
     ----------
     lens_m : (n, 2) array
         In the plane of the aperture.
     time_s : (n,) array
-        From mid-exposure.
+        Relative to mid-exposure.
     airy_px : (n, 2) array
-        From a pixel's sample to the scene point that it sees.
+        Offset from a pixel's sample to the scene point that it sees.
     ramp : (n, 2) array
-        In -0.5 .. 0.5: the place on the ramps of soft edges.
+        In -0.5 .. 0.5: position on the ramps of soft edges.
     """
 
     lens_m: Array
@@ -45,17 +45,17 @@ class Nodes:
         return len(self.time_s)
 
     def few(self, count: int) -> Nodes:
-        """Some `count` of the nodes, from all over."""
+        """`count` of the nodes, evenly spread over all of them."""
         return self.part(np.arange(0, len(self), max(1, len(self) // count)))
 
     def part(self, start: int | NDArray[np.int64], size: int = 1) -> Nodes:
-        """`size` nodes from number `start` on, or those of some numbers."""
+        """`size` nodes from index `start` on, or those with the given indices."""
         which = slice(start, start + size) if isinstance(start, int) else start
         return Nodes(self.lens_m[which], self.time_s[which], self.airy_px[which], self.ramp[which])
 
 
 def _disc(u: Array, v: Array) -> Array:
-    """The unit square onto the unit disc, area for area and without a seam at the centre (Shirley and Chiu 1997)."""
+    """Map the unit square to the unit disc, area-preserving and smooth at the centre (Shirley and Chiu 1997)."""
     a, b = 2 * u - 1, 2 * v - 1
     first = np.abs(a) > np.abs(b)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,7 +66,7 @@ def _disc(u: Array, v: Array) -> Array:
 
 
 def _polygon(disc: Array, corners: int, turn_deg: float) -> Array:
-    """The unit disc onto a regular polygon with corners on its circle, area for area: sectors become triangles."""
+    """Map the unit disc to a regular polygon with corners on its circle, area-preserving: sectors become triangles."""
     radius = np.hypot(disc[:, 0], disc[:, 1])
     which, share = np.divmod(np.mod(np.arctan2(disc[:, 1], disc[:, 0]) / (2 * np.pi), 1.0) * corners, 1.0)
     first = np.radians(turn_deg) + 2 * np.pi / corners * which
@@ -77,7 +77,7 @@ def _polygon(disc: Array, corners: int, turn_deg: float) -> Array:
 
 @lru_cache(maxsize=1)
 def _airy_table() -> tuple[Array, Array]:
-    """Encircled energy 1 - J0^2 - J1^2 of the Airy pattern (Rayleigh 1881) at x, cut at AIRY_LIMIT and rescaled."""
+    """Encircled energy 1 - J0^2 - J1^2 of the Airy pattern (Rayleigh 1881), truncated at AIRY_LIMIT and rescaled."""
     from scipy.special import j0, j1
 
     x = np.linspace(0.0, AIRY_LIMIT, _AIRY_TABLE)
@@ -86,7 +86,7 @@ def _airy_table() -> tuple[Array, Array]:
 
 
 def _airy_radius(u: Array) -> Array:
-    """Radius x within which a fraction u of the cut Airy pattern's energy lies."""
+    """Radius x that contains a fraction u of the truncated Airy pattern's energy."""
     energy, x = _airy_table()
     return np.interp(u, energy, x)
 
@@ -101,9 +101,9 @@ def area_radius_m(camera: Camera) -> float:
 
 @lru_cache(maxsize=8)
 def _sobol(dimensions: int, count: int) -> Array:
-    """Points (count, dimensions) of a scrambled Sobol sequence; even steps where one dimension is all there is.
+    """Points (count, dimensions) of a scrambled Sobol sequence; even steps if there is only one dimension.
 
-    Their mirror images fall halfway between the even steps.
+    The mirror images of the even steps fall halfway between them.
     """
     from scipy.stats import qmc
 
@@ -114,14 +114,14 @@ def _sobol(dimensions: int, count: int) -> Array:
 
 
 def active_dimensions(camera: Camera, motion: Motion, softness_m: float) -> int:
-    """How many dimensions an edge's blur has."""
+    """Number of dimensions of an edge's blur."""
     diffracted = 0 if not camera.wavelengths_m else 2 + (len(camera.wavelengths_m) > 1)
     timed = motion.moves and motion.exposure_s > 0
     return 2 * (camera.aperture_radius_m > 0) + diffracted + timed + 2 * (softness_m > 0)
 
 
-# How many nodes leave an error below 1e-3 of the contrast (RMS over the pixels of the edge): along one dimension few
-# do; the long tail of the Airy pattern asks for more.
+# Number of nodes for an error below 1e-3 of the contrast (RMS over the pixels of the edge): few suffice for one
+# dimension; the long tail of the Airy pattern needs more.
 _ALONG_ONE, _COMMON, _AIRY = 128, 1024, 2048
 
 
@@ -132,12 +132,12 @@ def _count(camera: Camera, dimensions: int) -> int:
 
 
 def nodes_of(camera: Camera, motion: Motion, softness_m: float, count: int | None = None) -> Nodes:
-    """Nodes for all that blurs an edge: a single one if nothing does, else `count`, a power of two."""
+    """Nodes for everything that blurs an edge: a single one if nothing does, else `count`, a power of two."""
     dimensions = active_dimensions(camera, motion, softness_m)
     count = _count(camera, dimensions) if count is None else count
     if dimensions == 0:
         return Nodes(np.zeros((1, 2)), np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)))
-    # Half of the nodes mirror the others: what blurs evenly to all sides must not displace an edge.
+    # Half of the nodes mirror the others: a symmetric blur must not displace an edge.
     columns = iter(_sobol(dimensions, count // 2).T)
     half = count // 2
     lens, airy, ramp = (np.zeros((half, 2)) for _ in range(3))
@@ -161,7 +161,7 @@ def nodes_of(camera: Camera, motion: Motion, softness_m: float, count: int | Non
         airy = np.stack([camera.K[0, 0] * a + camera.K[0, 1] * b, camera.K[1, 1] * b], axis=-1)
     if softness_m > 0:
         ramp = np.stack([next(columns), next(columns)], axis=-1) - 0.5
-    # An aperture of odd corners has no mirror image in itself: it is only centred.
+    # An aperture with an odd number of corners is not point-symmetric: it is only centred.
     odd = camera.blades % 2 == 1
     lens = lens - lens.mean(axis=0)
     return Nodes(

@@ -1,4 +1,4 @@
-"""Which circles fidelity is measured on, and why others are left out."""
+"""Selection of the circles whose fidelity is measured, and reasons for leaving out others."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from roundel.scenes.truth.truth import defocus_radius_px
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.occluders import hidden, plates_of
 
-# Sharp circles take milliseconds and are all measured; of blurred ones so many frames a group, and circles a frame.
+# Sharp circles take milliseconds and are all measured; blurred ones in so many frames per group, circles per frame.
 SAMPLED_FRAMES = 16
 _LEAST_A_LEVEL = 2
 _SAMPLED_CIRCLES = 4
 
 _SMALLEST_PX = 3.0
 
-# A thin lens blurs everything out of focus; less than this, in radius, is as good as sharp.
+# A thin lens blurs everything out of focus; a blur radius below this counts as sharp.
 _FOCUSED_PX = 0.25
 
-# Circles, in radii, on which nothing may stand before the print.
+# Radius, in circle radii, within which nothing may be in front of the print.
 _AROUND = np.array([0.0, 0.5, 0.8, 1.0, 1.2, 1.5])
 
 
@@ -40,16 +40,16 @@ def is_sampled(frame: Frame, marker_id: int) -> bool:
     settings = frame.settings
     levels = len(settings.sweep.levels) if settings.sweep is not None else 1
     wanted = max(_LEAST_A_LEVEL, SAMPLED_FRAMES // levels)
-    # A drawn section knows the count of its level.
+    # A drawn section holds the frame count of its level.
     count = max(settings.frames or 1, 1)
     return (frame.index + 1) * wanted // count > frame.index * wanted // count
 
 
 def obstacle(frame: Frame, marker_id: int) -> str | None:
-    """Why a circle's image is not predicted; None if it is."""
+    """Reason why a circle's image is not predicted; None if it is."""
     part, settings, camera = _part(frame, marker_id), frame.settings, frame.camera
     if part.radius_m is None:
-        return "no circle"
+        return "not a circle"
     if any(isinstance(shape, Sectors) for shape in frame.sheet.shapes):
         return "its code is not predicted"
     if frame.surroundings is not None:
@@ -61,7 +61,7 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
     if settings.marker.grain > 0:
         return "its paper has grain"
     if any(lamp.kind == "spot" for lamp in settings.light.lamps):
-        return "the rim of a spot is no smooth light"
+        return "the rim of a spotlight is not smooth"
     if _behind_a_lamp(frame, part):
         return "a lamp hides or shades it"
     if np.isfinite(camera.barrel_radius_m):
@@ -73,7 +73,7 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
 
 
 def _behind_a_lamp(frame: Frame, part: Part) -> bool:
-    """Whether an area lamp stands between a circle and the camera, a point of light, or the sun."""
+    """Whether an area lamp is between a circle and the camera, a point light, or the sun."""
     assert part.radius_m is not None
     light, pose = frame.settings.light, frame.camera_from_sheet
     plates = plates_of(frame.settings, pose)
@@ -94,7 +94,7 @@ def _behind_a_lamp(frame: Frame, part: Part) -> bool:
 
 
 def effects_of(frame: Frame) -> list[str]:
-    """What acts on the edges of a frame but light, noise and the pixel."""
+    """Effects on the edges of a frame other than light, noise and the pixel."""
     camera, motion = frame.camera, frame.motion
     blur_px = defocus_radius_px(camera, float(frame.camera_from_sheet[2, 3]))
     found = {

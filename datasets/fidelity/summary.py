@@ -14,29 +14,29 @@ _SHIFTS = ("shift_x_px", "shift_y_px", "scale_px")
 
 
 def summarise(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The fidelity of a dataset, as its manifest has it.
+    """The fidelity of a dataset, as stored in its manifest.
 
     Parameters
     ----------
     measured : sequence of dict
-        What `measure_circle` returned, circle by circle.
+        Results of `measure_circle`, one per circle.
 
     Returns
     -------
     dict
-        `circles`, how many were measured (the same rays under several sensors count once). For each of
-        `shift_x_px`, `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and
-        the `worst` absolute value; `shift_bound_px`, what the mean shifts stay within at 95 %; `residual`,
-        `monte_carlo` and `z_rms` as RMS over the circles; `z_passed`, how many passed the test of their pixels,
-        and `z_consistent`, whether no more failed than such a test lets fail by chance. `by_effect`: the same
-        for each effect. `unmeasured`: how many circles were left out, by reason.
+        `circles`, the number measured (the same rays under several sensors count once). For each of `shift_x_px`,
+        `shift_y_px` and `scale_px` the `mean`, half the width of its 95 % interval `ci95`, and the `worst`
+        absolute value; `shift_bound_px`, the 95 % bound of the mean shifts; `residual`, `monte_carlo` and `z_rms`
+        as RMS over the circles; `z_passed`, the number that passed the pixel test, and `z_consistent`, whether no
+        more failed than expected by chance. `by_effect`: the same for each effect. `unmeasured`: the number of
+        circles left out, by reason.
     """
-    # Levels of a sweep that differ in the sensor alone were traced with the same rays: one measurement, not several.
+    # Levels of a sweep that differ only in the sensor share their rays: one measurement, not several.
     found = list({tuple(sorted(m.items())): m for m in measured if "reason" not in m}.values())
     reasons = Counter(m["reason"] for m in measured if "reason" in m)
     left_out = {"unmeasured": dict(sorted(reasons.items()))} if reasons else {}
     if not found:
-        reason = reasons.most_common(1)[0][0] if reasons else "no circle that was rendered"
+        reason = reasons.most_common(1)[0][0] if reasons else "no circle was rendered"
         return {"circles": 0, "reason": reason, **left_out}
     effects = sorted({m["effect"] for m in found})
     by_effect = {effect: _figures([m for m in found if m["effect"] == effect]) for effect in effects}
@@ -51,7 +51,7 @@ def _figures(found: list[dict[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {"circles": count}
     for key in _SHIFTS:
         values = np.array([m[key] for m in found])
-        # One circle has no scatter; its own standard error stands in.
+        # One circle has no scatter; its own standard error is used instead.
         if count > 1:
             half = float(student.ppf(0.975, count - 1) * values.std(ddof=1) / np.sqrt(count))
         else:
@@ -67,7 +67,7 @@ def _figures(found: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def fidelity_lines(fidelity: dict[str, Any] | None) -> list[str]:
-    """A manifest's fidelity in a few lines of text."""
+    """Summary text of a manifest's fidelity, as lines."""
     measured = fidelity or {}
     if not measured.get("circles"):
         return [f"fidelity: not measured ({measured.get('reason', 'no circles')})"]
@@ -101,5 +101,5 @@ def _interval(figure: dict[str, float]) -> str:
 def _test(figures: dict[str, Any]) -> str:
     if "z_passed" not in figures:
         return "pixels not tested"
-    verdict = "" if figures["z_consistent"] else ": more than chance allows fail"
+    verdict = "" if figures["z_consistent"] else ": more failures than expected by chance"
     return f"pixel test passed by {figures['z_passed']} of {figures['circles']}{verdict}"

@@ -1,6 +1,6 @@
 """File names of a dataset, and the write protocol.
 
-A file appears whole or not at all: a temporary name in the same folder, write, flush, fsync, close, `os.replace`,
+A file appears completely or not at all: a temporary name in the same folder, write, flush, fsync, close, `os.replace`,
 fsync of the folder. Solver and validator write their records the same way.
 """
 
@@ -41,21 +41,21 @@ def sha256(data: bytes) -> str:
 
 
 def write_failure(path: Path, error: OSError) -> DataError:
-    """The one line for a file that cannot be written."""
+    """One-line error for a file that cannot be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return DataError(
-            f"{path}: the disk is full; free some space and run the same command again: what is finished is kept"
+            f"{path}: the disk is full; free some space and run the same command again; finished work is kept"
         )
     return DataError(f"{path}: cannot write: {error.strerror or error}")
 
 
 def check_no_dataset(out: Path) -> None:
-    """Refuse a folder for results that holds a dataset: its files have the same names as some of the results.
+    """Refuse a results folder that holds a dataset, because some file names would collide.
 
     Raises
     ------
     UsageError
-        With one line.
+        If the folder holds a dataset.
     """
     if any((out / name).is_file() for name in (MANIFEST, JOURNAL, CAMERAS)):
         raise UsageError(f"{out}: is a dataset; name another folder for the results")
@@ -72,12 +72,12 @@ def _sync_folder(folder: Path) -> None:
 
 
 def write_file(path: str | Path, data: bytes) -> None:
-    """Write a file whole or not at all.
+    """Write a file completely or not at all.
 
     Raises
     ------
     DataError
-        If it cannot be written (a full disk, say); nothing is left behind.
+        If it cannot be written (for example, because the disk is full); no partial file is left.
     """
     path = Path(path)
     temporary: str | None = None
@@ -88,7 +88,7 @@ def write_file(path: str | Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files that only their owner reads; a dataset is for sharing.
+        # mkstemp makes files that only their owner can read; a dataset is meant for sharing.
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
@@ -103,12 +103,12 @@ def write_file(path: str | Path, data: bytes) -> None:
 
 
 def link_file(source: Path, path: str | Path) -> None:
-    """Give a file that is safe already a second name; where that cannot be (another disk, say), copy it.
+    """Hard-link a file that is already safely on disk; copy it if that fails (for example, on another disk).
 
     Raises
     ------
     DataError
-        If neither can be done.
+        If both fail.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.link.part")
@@ -117,7 +117,7 @@ def link_file(source: Path, path: str | Path) -> None:
         temporary.unlink(missing_ok=True)
         os.link(source, temporary)
         os.replace(temporary, path)
-        # Two names of one file are left alone by a rename.
+        # Renaming between two links to the same file does nothing.
         temporary.unlink(missing_ok=True)
         _sync_folder(path.parent)
     except OSError:
@@ -129,7 +129,7 @@ def link_file(source: Path, path: str | Path) -> None:
 
 
 def append_line(path: str | Path, line: str) -> None:
-    """Append one line and make it safe before returning."""
+    """Append one line and sync it to disk before returning."""
     path = Path(path)
     try:
         with path.open("ab") as file:

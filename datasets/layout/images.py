@@ -1,4 +1,4 @@
-"""Images and cameras of a dataset: all that a solver may open."""
+"""Images and cameras of a dataset: everything that a solver may open."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ class Images:
 
     @property
     def dataset_id(self) -> str | None:
-        """Identity of the dataset, from its manifest: a hash, of which nothing else is read."""
+        """Identity of the dataset: a hash, the only thing read from its manifest."""
         try:
             return str(json.loads((self.path / files.MANIFEST).read_text(encoding="utf-8"))["dataset_id"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
     def saturation_dn(self, i: int) -> float | None:
-        """The level of the image file at which pixels saturate; None where no sensor is recorded."""
+        """Image-file level at which pixels saturate; None if no sensor is recorded."""
         sensor = self.records[i].get("sensor")
         return None if sensor is None else float(sensor["saturation_dn"])
 
@@ -56,11 +56,11 @@ class Images:
         return str(self.records[i]["mode"])
 
     def camera(self, i: int) -> Camera:
-        """The frame's camera: what `--intrinsics true` and `scaled` read."""
+        """The frame's camera, as read by `--intrinsics true` and `scaled`."""
         return camera_from_json(self.records[i])
 
     def markers(self, i: int) -> list[dict[str, Any]]:
-        """What is printed: marker_id, kind, diameter_m, layout. No pose."""
+        """The printed markers: marker_id, kind, diameter_m, layout. No pose."""
         return list(self.records[i]["markers"])
 
     def image(self, i: int) -> NDArray[Any]:
@@ -69,7 +69,7 @@ class Images:
         Raises
         ------
         DataError
-            If the file is missing, truncated, or of another size than its camera.
+            If the file is missing, truncated, or differs in size from its camera.
         """
         path = self.path / str(self.records[i]["image"])
         image = read_image(path)
@@ -81,11 +81,11 @@ class Images:
         return image
 
     def linear_image(self, i: int, delivered: NDArray[Any] | None = None) -> tuple[NDArray[Any], float | None]:
-        """The image with its sensor's curve undone, in the file's range, and the level at which its pixels saturate.
+        """The linearised image, in the file's range, and the level at which its pixels saturate.
 
-        An edge is a step of light. Behind a curve its middle is not the mean of its sides, and a circle found there is
-        some tenths of a pixel too large or too small. The level is None where no sensor is recorded. `delivered`:
-        what `image(i)` returned, if it was read already.
+        An edge is a step of light. After a tone curve its middle is not the mean of its sides, and a circle found there
+        is some tenths of a pixel too large or too small. The level is None if no sensor is recorded. `delivered` is
+        the result of `image(i)`, if it was already read.
         """
         image = self.image(i) if delivered is None else delivered
         sensor = self.records[i].get("sensor")
@@ -105,7 +105,7 @@ class Images:
             self._points.update(_read_points(self.path / files.POINTS))
         frame_id = int(self.records[i]["frame_id"])
         if frame_id not in self._points:
-            raise DataError(f"{self.path / files.POINTS}: no points of frame {frame_id}; render the dataset again")
+            raise DataError(f"{self.path / files.POINTS}: no points for frame {frame_id}; render the dataset again")
         return self._points[frame_id]
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -121,7 +121,7 @@ def read_image(path: str | Path) -> NDArray[Any]:
     Raises
     ------
     DataError
-        If it cannot be read whole.
+        If it cannot be read completely.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -147,7 +147,7 @@ def _read_points(path: Path) -> dict[int, dict[int, NDArray[np.float64]]]:
         raise DataError(f"{path}: points are missing or corrupt ({first_line(error)})") from error
     xy = np.stack([x, y], axis=-1)
     out: dict[int, dict[int, NDArray[np.float64]]] = {}
-    # Rows of one marker stand together: cut where either id changes.
+    # Rows of one marker are contiguous: split where either id changes.
     cuts = np.flatnonzero((np.diff(frame_id) != 0) | (np.diff(marker_id) != 0)) + 1
     for rows in np.split(np.arange(len(x)), cuts) if len(x) else []:
         out.setdefault(int(frame_id[rows[0]]), {})[int(marker_id[rows[0]])] = xy[rows]
@@ -169,7 +169,7 @@ def open_images(path: str | Path) -> Images:
     """
     path = Path(path)
     if not path.is_dir():
-        what = "it is a file, and a dataset is a folder" if path.exists() else "there is no such folder"
+        what = "it is a file; a dataset is a folder" if path.exists() else "there is no such folder"
         raise DataError(f"{path}: not a dataset: {what}")
     if not (path / files.MANIFEST).is_file():
         unfinished = (path / files.JOURNAL).is_file() or (path / files.STUDY).is_file()
@@ -178,7 +178,7 @@ def open_images(path: str | Path) -> Images:
             if unfinished
             else f"it has no {files.MANIFEST}"
         )
-        raise DataError(f"{path}: not a dataset to read: {hint}")
+        raise DataError(f"{path}: not a readable dataset: {hint}")
     file = path / files.CAMERAS
     try:
         record = json.loads(file.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The journal: one line for each finished frame, appended when its files are safe."""
+"""The journal: one line per finished frame, appended once its files are safely on disk."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Entry = dict[str, Any]
 
 
 def line_of(entry: Entry) -> str:
-    """An entry as its line: the same bytes for the same entry."""
+    """An entry as a line; equal entries give equal bytes."""
     return json.dumps(entry, sort_keys=True, separators=(",", ":"))
 
 
 def append(dataset: Path, entry: Entry) -> None:
-    """Record a finished frame. Its files must be safe already."""
+    """Record a finished frame. Its files must already be safely on disk."""
     files.append_line(dataset / files.JOURNAL, line_of(entry))
 
 
@@ -47,13 +47,13 @@ def read(dataset: Path) -> dict[int, Entry]:
 
 
 def rewrite(dataset: Path, entries: dict[int, Entry]) -> None:
-    """Write the journal sorted by frame: its bytes no longer tell in which order the frames were made."""
+    """Write the journal sorted by frame, so that its bytes do not depend on the order of rendering."""
     text = "".join(line_of(entries[i]) + "\n" for i in sorted(entries))
     files.write_file(dataset / files.JOURNAL, text.encode())
 
 
 def is_done(dataset: Path, entry: Entry) -> bool:
-    """Whether the entry's files are all there with the sizes it recorded."""
+    """Whether all files of the entry exist with the recorded sizes."""
     try:
         return all((dataset / name).stat().st_size == record["bytes"] for name, record in entry["files"].items())
     except OSError:

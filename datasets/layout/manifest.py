@@ -16,7 +16,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
     Raises
     ------
     DataError
-        If it is missing or is not one.
+        If it is missing or is not a manifest.
     """
     file = path / files.MANIFEST
     try:
@@ -24,10 +24,10 @@ def read_manifest(path: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise DataError(f"{file}: the manifest is missing; finish the dataset with `roundel render`") from error
     except (OSError, ValueError) as error:
-        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to write it anew") from error
+        raise DataError(f"{file}: the manifest is corrupt; run `roundel render` again to rewrite it") from error
     needed = {"schema", "dataset_id", "study", "files", "counts"}
     if not isinstance(manifest, dict) or needed - set(manifest):
         raise DataError(f"{file}: not the manifest of a Roundel dataset")
     if manifest["schema"] != 1:
-        raise DataError(f"{file}: schema {manifest['schema']} is not known to this version; use a newer Roundel")
+        raise DataError(f"{file}: schema {manifest['schema']} is not supported by this version; use a newer Roundel")
     return manifest

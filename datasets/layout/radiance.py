@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from roundel.scenes.errors import DataError
 
-# Independent estimates of a pixel whose scatter is its recorded variance.
+# Number of independent estimates of a pixel; their scatter is the recorded variance.
 REPLICATES = 8
 
 Planes = dict[str, NDArray[np.float32]]
 
-# Binary digits kept of planes that do not need float32's 24: a variance from 8 replicates is known to a half, a noise
-# to what its model is worth, a depth to 1e-5 of it. The digits that are left out compress to nothing.
+# Binary digits kept of planes that do not need float32's 24: a variance from 8 replicates has a relative uncertainty of
+# one half, noise that of its model, depth 1e-5. The cleared digits compress to nothing.
 _DIGITS = {"Y.variance": 8, "noise_dn": 12, "Z": 17}
 
 
 def rounded(channel: str, plane: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A plane as it is stored: float32, rounded to as many digits as its channel keeps."""
+    """A plane as stored: float32, rounded to the number of digits that its channel keeps."""
     exact = np.ascontiguousarray(plane, dtype=np.float32)
     if channel not in _DIGITS:
         return exact
@@ -41,14 +41,14 @@ def encode_radiance(planes: Planes) -> bytes:
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channels = {name: rounded(name, plane) for name, plane in planes.items()}
-    # The library writes to named files only; the dataset's own write protocol takes bytes.
+    # The library writes only to named files; the dataset's write protocol needs bytes.
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "radiance.exr"
             OpenEXR.File(header, channels).write(str(path))
             return path.read_bytes()
     except (OSError, RuntimeError) as error:
-        # What the library raises when the temporary folder is full tells only its own troubles.
+        # The library's own error does not say that the temporary folder is full.
         raise DataError(
             f"{tempfile.gettempdir()}: cannot write radiance there (is it full?); free some space, or set TMPDIR"
         ) from error
@@ -60,7 +60,7 @@ def read_radiance(path: str | Path) -> Planes:
     Raises
     ------
     DataError
-        If the file is missing, truncated, or no radiance of ours.
+        If the file is missing, truncated, or not a Roundel radiance file.
     """
     import OpenEXR
 

@@ -54,17 +54,17 @@ def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -
         hint = did_you_mean(kind, KINDS) or f"use one of {', '.join(KINDS)}"
         raise UsageError(f"unknown kind of marker {kind!r}; {hint}")
     if diameter_m is not None and kind not in CIRCULAR:
-        raise UsageError(f"a {kind} has no diameter; give its sizes by --set, as --set square_m=0.02")
+        raise UsageError(f"a {kind} has no diameter; give its sizes with --set, such as --set square_m=0.02")
     for key in keys:
         if key in _RENDERED:
-            raise UsageError(f"--set {key}: only rendering knows it; a printer does it by itself")
+            raise UsageError(f"--set {key}: applies to rendering only, not to printing")
     try:
         section: Any = validated(KINDS[kind], _raw(kind, diameter_m, keys), Path(kind), {}, None)
     except StudyError as error:
         raise UsageError(f"marker {kind}: {error.reason}") from error
     drawn = [name for name, value in section if type(value).__name__ == "Spread"]
     if drawn:
-        raise UsageError(f"--set {drawn[0]}: a print has one size; give a number")
+        raise UsageError(f"--set {drawn[0]}: a printed marker has a fixed size; give a number")
     return section
 
 
@@ -102,7 +102,7 @@ def parse_set(texts: list[str]) -> dict[str, Any]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key.strip() or not value.strip():
-            raise UsageError(f"--set {text}: give KEY=VALUE, as inner_diameter_m=0.04")
+            raise UsageError(f"--set {text}: give KEY=VALUE, such as inner_diameter_m=0.04")
         try:
             out[key.strip()] = json.loads(value)
         except ValueError:

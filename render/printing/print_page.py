@@ -96,15 +96,15 @@ def _too_large(section: Any, paper: str, needed_mm: Array) -> str:
         return float(max(np.min(_room(*turned) / needed_mm) for turned in ((width, height), (height, width))))
 
     larger = [name for name in PAPERS_MM if fit(name) >= 1]
-    remedy = f"take --paper {' or '.join(larger)}, or " if larger else ""
+    remedy = f"use --paper {' or '.join(larger)}, or " if larger else ""
     if section.kind in CIRCULAR:
         diameter_m = section.diameters_m[0] if section.kind == "rings" else section.diameter_m
         most_mm = np.floor(1e3 * diameter_m * fit(paper))
-        smaller = f"make its diameter {most_mm / 1e3:g} m at most"
+        smaller = f"reduce its diameter to at most {most_mm / 1e3:g} m"
     else:
-        smaller = f"make it smaller, to {100 * fit(paper):.0f} % of this at most"
+        smaller = f"scale it to at most {100 * fit(paper):.0f} %"
     size = f"{needed_mm[0]:.0f} x {needed_mm[1]:.0f} mm with its quiet zone"
-    return f"this {section.kind} needs {size}, more than {paper} holds; {remedy}{smaller}"
+    return f"this {section.kind} needs {size} and does not fit on {paper}; {remedy}{smaller}"
 
 
 def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
@@ -129,7 +129,7 @@ def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in FORMATS:
-        raise UsageError(f"{path}: a marker is printed from vectors; end the file's name in {' or '.join(FORMATS)}")
+        raise UsageError(f"{path}: markers are printed as vectors; the file name must end in {' or '.join(FORMATS)}")
     page = lay_out(section, paper)
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -75,12 +75,12 @@ def read_map(path: str | Path, sha256: str) -> NDArray[np.float32]:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         if digest != sha256:
-            raise DataError(f"{path}: is not the map that the study recorded (sha256 {digest[:12]}, not {sha256[:12]})")
+            raise DataError(f"{path}: is not the map recorded by the study (sha256 {digest[:12]}, not {sha256[:12]})")
         bitmap: Any = mi.Bitmap(str(path))
         names = [field.name for field in bitmap.struct_()]
         pixels = np.array(bitmap, dtype=np.float32).reshape(bitmap.height(), bitmap.width(), -1)
     except (OSError, RuntimeError, MemoryError) as error:
-        raise DataError(f"{path}: this environment map is truncated or corrupt; get the file anew") from error
+        raise DataError(f"{path}: this environment map is truncated or corrupt; get the file again") from error
     if all(name in names for name in "RGB"):
         pixels = pixels[..., [names.index(name) for name in "RGB"]]
     elif "Y" in names:
@@ -92,5 +92,5 @@ def read_map(path: str | Path, sha256: str) -> NDArray[np.float32]:
     if pixels.min() < 0:
         raise DataError(f"{path}: this environment map holds negative light; clip it at 0")
     if pixels.max() <= 0:
-        raise DataError(f"{path}: this environment map is black; take another")
+        raise DataError(f"{path}: this environment map is black; use another one")
     return pixels

@@ -1,9 +1,8 @@
 """Cameras: projection, lenses, motion and shutter, diffraction.
 
 airy: Diffraction by the aperture: the Airy pattern, truncated at a declared radius
-film: The 35 mm frame that EXIF's equivalent focal length compares with, and the default focal length of a phone
-intrinsics_label: Labels of intrinsics, such as `true` or `scaled:0.7`: what they mean, their order, and how people
-    read them
+film: The 35 mm frame to which EXIF's equivalent focal length refers, and the default focal length of a phone
+intrinsics_label: Labels of intrinsics, such as `true` or `scaled:0.7`: parsing, order and display text
 lens_fisheye: OpenCV's fisheye (Kannala and Brandt, 2006) on normalised coordinates: forward, field, and the exact
     inverse
 lens_opencv: OpenCV's lens model on normalised coordinates: forward with its Jacobian, its field, and the exact

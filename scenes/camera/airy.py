@@ -2,8 +2,8 @@
 
 Incoherent light of wavelength L through an aperture of radius A spreads over angles alpha (offsets in normalised
 image coordinates) with intensity (2 J1(x) / x)^2, x = 2 pi A alpha / L (Born and Wolf, Principles of Optics, 8.5.2);
-within x lies the energy 1 - J0(x)^2 - J1(x)^2 (Rayleigh). Its tail falls so slowly (2 / (pi x)) that its variance is
-infinite: the declared pattern ends at `REACH`, which leaves 99 % of the light, and is normalised again.
+the energy within x is 1 - J0(x)^2 - J1(x)^2 (Rayleigh). The tail falls so slowly (2 / (pi x)) that the variance is
+infinite: the declared pattern is truncated at `REACH`, which keeps 99 % of the light, and renormalised.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from roundel.scenes.camera.model import Camera
 
 Array = NDArray[np.float64]
 
-# Where the declared pattern ends, in units of x.
+# Radius at which the declared pattern is truncated, in units of x.
 REACH = 64.0
 
 

@@ -1,10 +1,10 @@
-"""The 35 mm frame that EXIF's equivalent focal length compares with, and the default focal length of a phone."""
+"""The 35 mm frame to which EXIF's equivalent focal length refers, and the default focal length of a phone."""
 
 from __future__ import annotations
 
 import math
 
-# Diagonal of the 36 mm x 24 mm frame, which EXIF's 35 mm equivalent compares with (CIPA DCG-001).
+# Diagonal of the 36 mm x 24 mm frame, to which EXIF's 35 mm equivalent refers (CIPA DCG-001).
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 # Mean and standard deviation of phones' 35 mm equivalent focal lengths (the paper's section IV-C; errata, section 4).

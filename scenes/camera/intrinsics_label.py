@@ -1,19 +1,19 @@
-"""Labels of intrinsics, such as `true` or `scaled:0.7`: what they mean, their order, and how people read them.
+"""Labels of intrinsics, such as `true` or `scaled:0.7`: parsing, order and display text.
 
-Records carry the label as text; this is the one place that takes it apart.
+Records store the label as text; only this module parses it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-# In the order in which they are shown: the best known first.
+# Display order: the most accurate first.
 KINDS = ("true", "calibrated", "exif", "default", "scaled")
 
 
 @dataclass(frozen=True)
 class IntrinsicsLabel:
-    """A label taken apart: `kind`, and what follows the colon.
+    """A parsed label: `kind`, and the value after the colon.
 
     Examples
     --------
@@ -26,13 +26,13 @@ class IntrinsicsLabel:
 
     @classmethod
     def of(cls, label: str) -> IntrinsicsLabel:
-        """The label as records have it; any text is one."""
+        """Parse the label of a record; any text is valid."""
         kind, _, value = label.partition(":")
         return cls(kind, value)
 
     @property
     def text(self) -> str:
-        """The label as records have it."""
+        """The label as stored in records."""
         return f"{self.kind}:{self.value}" if self.value else self.kind
 
     @property
@@ -48,23 +48,23 @@ class IntrinsicsLabel:
 
     @property
     def number(self) -> float:
-        """The number behind the colon; 0 where there is none."""
+        """The number after the colon; 0 if there is none."""
         return float(self.value) if self.value.replace(".", "", 1).isdigit() else 0.0
 
     @property
     def is_right(self) -> bool:
-        """Whether the label promises the camera's own focal length."""
+        """Whether the label stands for the camera's own focal length."""
         return self.kind in ("true", "calibrated") or self.factor == 1.0
 
     @property
     def rank(self) -> tuple[int, float, str]:
-        """Key to sort by: the best known first; of calibrations, the one from most views."""
+        """Sort key: the most accurate first; among calibrations, the one from most views."""
         number = -self.number if self.kind == "calibrated" else self.number
         return KINDS.index(self.kind) if self.kind in KINDS else len(KINDS), number, self.text
 
     @property
     def short(self) -> str:
-        """For a legend or a clause, as the paper's figures have it: `x0.7`."""
+        """For a legend or a clause, as in the paper's figures: `x0.7`."""
         return f"x{self.value}" if self.kind == "scaled" else self.text
 
     @property

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Coefficients = tuple[float, ...]
 
-# Newton's method within a bracket: three steps as a rule; where theta_d levels off, bisection takes over.
+# Newton's method within a bracket usually needs three steps; where theta_d levels off, bisection takes over.
 _STEPS = 80
-# Below this radius the quotients of small numbers lose digits, and the series' next term is 1e-18.
+# Below this radius quotients of small numbers lose digits, and the next term of the series is 1e-18.
 _NEAR_AXIS = 1e-3
 
 
@@ -35,17 +35,17 @@ def image_radius(coefficients: Coefficients, theta: Array) -> tuple[Array, Array
 
 @lru_cache(maxsize=64)
 def widest_angle(coefficients: Coefficients) -> float:
-    """Angle from the axis, in radians, at which the field ends: theta_d is largest there, or it is pi."""
+    """Angle from the axis, in radians, at which the field ends: the maximum of theta_d, or pi."""
     k1, k2, k3, k4 = coefficients
-    # In 1 / theta^2: the highest coefficient is 1 whatever the lens, and the root sought is the largest.
+    # As a polynomial in 1 / theta^2: its leading coefficient is always 1, and the largest root is the one needed.
     roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4])
-    # A double root, where theta_d only stands still, comes out of the solver with a small imaginary part.
+    # The root finder returns a double root, where theta_d is only stationary, with a small imaginary part.
     real = roots.real[(np.abs(roots.imag) < 1e-7 * np.abs(roots)) & (roots.real > 0)]
     return min(float(real.max()) ** -0.5, np.pi) if len(real) else np.pi
 
 
 def distort(coefficients: Coefficients, xy: Array) -> tuple[Array, Array]:
-    """Where the lens images normalised coordinates (..., 2), and the Jacobian (..., 2, 2); NaN outside the field."""
+    """Image of normalised coordinates (..., 2), and the Jacobian (..., 2, 2); NaN outside the field."""
     k1, k2, _, _ = coefficients
     r2 = xy[..., 0] ** 2 + xy[..., 1] ** 2
     r = np.sqrt(r2)
@@ -64,7 +64,7 @@ def distort(coefficients: Coefficients, xy: Array) -> tuple[Array, Array]:
 
 
 def angle_of(coefficients: Coefficients, radius: Array) -> Array:
-    """Angle from the axis, in radians, that is imaged at a radius theta_d >= 0; NaN beyond the field."""
+    """Angle from the axis, in radians, that is imaged at a radius theta_d >= 0; NaN outside the field."""
     end = widest_angle(coefficients)
     limit = float(image_radius(coefficients, np.array(end))[0])
     low, high = np.zeros_like(radius), np.full_like(radius, end)
@@ -87,7 +87,7 @@ def direction(coefficients: Coefficients, xy: Array) -> Array:
     """Unit vectors (..., 3) of the rays through distorted normalised coordinates (..., 2); NaN beyond the field."""
     radius = np.hypot(xy[..., 0], xy[..., 1])
     theta = angle_of(coefficients, radius)
-    # On the axis the direction of nothing is nothing: sin(theta) / radius tends to 1.
+    # On the axis both numerator and radius are zero: sin(theta) / radius tends to 1.
     across = np.where(radius > 0, np.sin(theta) / np.where(radius > 0, radius, 1.0), 1.0)
     return np.concatenate([xy * across[..., None], np.cos(theta)[..., None]], axis=-1)
 

@@ -6,12 +6,12 @@
     y' = y R + p1 (u + 2 y^2) + 2 p2 x y + s3 u + s4 u^2
     (x'', y'', 1) ~ T (x', y', 1)
 
-T is the sensor that is tilted by tx and ty (radians) about its own axes, scaled so that the axis keeps its place.
+T is the homography of the sensor tilted by tx and ty (radians) about its own axes, scaled so that the axis is fixed.
 Source: OpenCV, module calib3d, "Detailed description"; order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty.
 
-A polynomial is a lens only as far out as it grows: where the determinant of the Jacobian first vanishes on the way from
-the axis, the image folds back over itself, and a point beyond would land where something else is seen already. That
-limit is the edge of the *field*. Nothing beyond it has an image here, and the inverse never answers from beyond it.
+A polynomial describes a lens only as far out as it increases: where the determinant of the Jacobian first vanishes on
+the way from the axis, the image folds over itself, and a point beyond would be imaged on top of another. That limit is
+the edge of the *field*. Points beyond it have no image here, and the inverse never returns them.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ Coefficients = tuple[float, ...]
 
 _TERMS = 14
 
-# The field's edge is sought in this many directions, on this many radii out to 89.9 degrees, denser near the axis.
-# Between directions it is interpolated: decentring moves it by some 1e-2 with the cosine of the direction, and so the
-# error is below 1e-4 of it. `inside` also asks the determinant itself.
+# The field's edge is searched in this many directions, on this many radii out to 89.9 degrees, denser near the axis.
+# It is interpolated between directions: decentring moves it by about 1e-2 with the cosine of the direction, so the
+# error is below 1e-4 of it. `inside` also checks the determinant itself.
 _DIRECTIONS = 32
 _RADII = 512
 _WIDEST = np.radians(89.9)
 _BISECTIONS = 40
 
-# From the table's start Newton's method needs three or four steps. Near the edge of the field each step only halves
-# the error: sixty halvings leave nothing of it.
+# Starting from the table, Newton's method needs three or four steps. Near the edge of the field each step only halves
+# the error, and sixty halvings reduce it to rounding.
 _PLAIN_STEPS = 6
 _GUARDED_STEPS = 60
 _SMALLEST_PART = 1e-12
-# What rounding leaves of the residual, relative to the point; 1e-12 is 1e-9 px at a focal length of 1,000 px.
+# Residual due to rounding, relative to the point; 1e-12 is 1e-9 px at a focal length of 1,000 px.
 _RESIDUAL = 1e-12
 _ROUNDING = 4e-16
 
@@ -64,7 +64,7 @@ def tilt_matrix(tx_rad: float, ty_rad: float) -> Array:
 
 
 def _bend(coefficients: Coefficients, x: Array, y: Array) -> tuple[Array, Array, tuple[Array, ...]]:
-    """Everything but the tilt: x', y', and the Jacobian row by row; terms that are all zero cost nothing."""
+    """Everything except the tilt: x', y', and the Jacobian row by row; zero coefficients cost nothing."""
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, *_ = _padded(coefficients)
     u = x * x + y * y
     radial = 1 + u * (k1 + u * (k2 + u * k3))
@@ -105,15 +105,15 @@ def _determinant(jacobian: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class Field:
-    """How far out a set of coefficients is a lens.
+    """Field of a set of coefficients: how far out they describe a lens.
 
     Attributes
     ----------
     edge : (n,) array
         Undistorted radius of the edge in n directions evenly spaced from +x toward +y, the first repeated at the end;
-        infinite where there is none.
+        infinite if there is no edge.
     radius, image : (m,) arrays
-        The radial part R alone: undistorted radii and where they are imaged, increasing; the start of the inverse.
+        The radial part R alone: undistorted radii and their images, increasing; the initial guess of the inverse.
     """
 
     edge: Array
@@ -123,7 +123,7 @@ class Field:
 
 @lru_cache(maxsize=64)
 def field_of(coefficients: Coefficients) -> Field:
-    """The field of some coefficients; the tilt has none of its own."""
+    """The field of a set of coefficients; the tilt does not limit it."""
     c = _padded(coefficients)
     symmetric = not any((c[2], c[3], *c[8:12]))
     radius = np.tan(_WIDEST * np.linspace(0.0, 1.0, _RADII) ** 2)
@@ -132,7 +132,7 @@ def field_of(coefficients: Coefficients) -> Field:
     pole = _first_pole(c)
 
     def sound(which: NDArray[np.int64], r: Array) -> Array:
-        """Positive where directions `which` (n,) are still a lens at radii (n, m)."""
+        """Positive where directions `which` (n,) at radii (n, m) are inside the field."""
         *_, jacobian = _bend(c, r * unit[which, :1], r * unit[which, 1:])
         return np.where(r < pole, _determinant(jacobian), -1.0)
 
@@ -148,19 +148,19 @@ def field_of(coefficients: Coefficients) -> Field:
 
 def _first_pole(c: Coefficients) -> float:
     """Radius at which the denominator of R first vanishes; infinite if it never does."""
-    # In 1 / u: the highest coefficient is 1 whatever the lens, and the root sought is the largest.
+    # As a polynomial in 1 / u: its leading coefficient is always 1, and the largest root is the one needed.
     roots = np.roots([1.0, c[5], c[6], c[7]])
-    # A double root comes out of the solver as a pair with a small imaginary part: it is a pole all the same.
+    # The root finder returns a double root as a pair with small imaginary parts; it is still a pole.
     real = roots.real[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0)]
     return float(real.max()) ** -0.5 if len(real) else np.inf
 
 
 def _first_zero(radius: Array, count: int, function: Callable[[NDArray[np.int64], Array], Array]) -> Array:
-    """Least radius (count,) at which a function of direction and radius is not positive; infinite if it never is."""
+    """Least radius (count,) at which a function of direction and radius is not positive; infinite if none."""
     every = np.arange(count)
     value = function(every, np.broadcast_to(radius, (count, len(radius))))
     bad = ~(value > 0)
-    # Between two samples it may dip to zero and rise again: look closely about every local minimum.
+    # Between two samples the function may dip to zero and rise again: refine around every local minimum.
     which, column = np.nonzero((value[:, 1:-1] < value[:, :-2]) & (value[:, 1:-1] <= value[:, 2:]))
     if len(which):
         closely = np.linspace(radius[column], radius[column + 2], 65, axis=1)
@@ -175,7 +175,7 @@ def _first_zero(radius: Array, count: int, function: Callable[[NDArray[np.int64]
 
 
 def inside(coefficients: Coefficients, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Which undistorted points are in the field, the tilt's horizon aside."""
+    """Which undistorted points are in the field, ignoring the tilt's horizon."""
     edge = field_of(coefficients).edge
     nearest = float(edge.min())
     r2 = x * x + y * y
@@ -188,12 +188,12 @@ def inside(coefficients: Coefficients, x: Array, y: Array) -> NDArray[np.bool_]:
 
 
 def distort(coefficients: Coefficients, xy: Array) -> tuple[Array, Array]:
-    """Where the lens images normalised coordinates, and the Jacobian.
+    """Image of normalised coordinates, and the Jacobian.
 
     Parameters
     ----------
     coefficients : tuple of float
-        OpenCV's, in OpenCV's order; fewer than 14 stand for zeros.
+        OpenCV's, in OpenCV's order; missing ones of the 14 are zero.
     xy : (..., 2) array
 
     Returns
@@ -214,10 +214,10 @@ def distort(coefficients: Coefficients, xy: Array) -> tuple[Array, Array]:
 
 
 def undistort(coefficients: Coefficients, xy: Array) -> Array:
-    """The inverse of `distort`: normalised coordinates (..., 2), NaN where nothing in the field is imaged there.
+    """The inverse of `distort`: normalised coordinates (..., 2), NaN where no point of the field is imaged.
 
-    The tilt is undone exactly. For the rest a table of R gives the start, and Newton's method follows. The field has
-    one point for one image: whatever Newton's method finds in it is the answer, and what it finds elsewhere is none.
+    The tilt is inverted exactly. For the rest a table of R gives the initial guess for Newton's method. Each image has
+    one point in the field at most: a solution inside the field is the answer, and one outside is discarded.
     """
     *_, tx, ty = _padded(coefficients)
     target = np.asarray(xy, dtype=np.float64)
@@ -226,7 +226,7 @@ def undistort(coefficients: Coefficients, xy: Array) -> Array:
             target, _ = _tilted(np.asarray(np.linalg.inv(tilt_matrix(tx, ty)), dtype=np.float64), target)
         x, y = target[..., 0].ravel(), target[..., 1].ravel()
         out = np.stack(_plain_newton(coefficients, x, y), axis=-1)
-        # Near the edge of the field a full step may leave it: there steps are guarded.
+        # Near the edge of the field a full step may leave it, so steps are damped there.
         open_ = np.isnan(out[:, 0]) & np.isfinite(x) & np.isfinite(y)
         out[open_] = np.stack(_guarded_newton(coefficients, x[open_], y[open_]), axis=-1)
     return out.reshape(target.shape)
@@ -240,7 +240,7 @@ def _solved(
 
 
 def _plain_newton(coefficients: Coefficients, target_x: Array, target_y: Array) -> tuple[Array, Array]:
-    """Newton's method with full steps; NaN where that did not do."""
+    """Newton's method with full steps; NaN where it did not converge."""
     unit = 1 + np.abs(target_x) + np.abs(target_y)
     x, y = _start(coefficients, target_x, target_y)
     for _ in range(_PLAIN_STEPS):
@@ -256,7 +256,7 @@ def _plain_newton(coefficients: Coefficients, target_x: Array, target_y: Array) 
 
 
 def _guarded_newton(coefficients: Coefficients, target_x: Array, target_y: Array) -> tuple[Array, Array]:
-    """Newton's method whose steps are cut short where they would leave the field or enlarge the residual."""
+    """Newton's method with steps shortened where they would leave the field or increase the residual."""
     unit, part = 1 + np.abs(target_x) + np.abs(target_y), np.ones_like(target_x)
     x, y = _start(coefficients, target_x, target_y)
     value_x, value_y, jacobian = _bend(coefficients, x, y)
@@ -278,7 +278,7 @@ def _guarded_newton(coefficients: Coefficients, target_x: Array, target_y: Array
 
 
 def _start(coefficients: Coefficients, target_x: Array, target_y: Array) -> tuple[Array, Array]:
-    """The point of the same direction whose radial image is the target's radius, drawn into the field."""
+    """The point in the same direction whose radial image is the target's radius, moved into the field."""
     field = field_of(coefficients)
     radius = np.hypot(target_x, target_y)
     factor = np.where(radius > 0, np.interp(radius, field.image, field.radius) / np.where(radius > 0, radius, 1.0), 1.0)

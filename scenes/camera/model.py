@@ -21,10 +21,10 @@ from roundel.scenes.errors import DataError
 
 Array = NDArray[np.float64]
 
-# A thin lens brings rays to the plane in focus along the axis: toward 90 degrees that plane is at infinity.
+# Thin-lens rays converge on the plane in focus; toward 90 degrees from the axis that plane is at infinity.
 THIN_LENS_DEG = 85.0
 
-# How many coefficients each lens model takes (OpenCV, module calib3d; module calib3d, "Fisheye camera model").
+# Numbers of coefficients of each lens model (OpenCV, module calib3d; module calib3d, "Fisheye camera model").
 COEFFICIENTS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
@@ -45,20 +45,20 @@ class Camera:
     focus_distance_m : float
         Distance of the plane in focus from the camera centre, along z.
     focal_35mm_mm : float or None
-        What the EXIF tag `FocalLengthIn35mmFilm` would say.
+        Value of the EXIF tag `FocalLengthIn35mmFilm`.
     distortion_model : str
         `opencv` (0, 4, 5, 8, 12 or 14 coefficients) or `fisheye` (4).
     blades : int
-        Corners of the aperture, on the circle of its radius; 0 is a round one.
+        Number of corners of the aperture, on the circle of its radius; 0 is a round aperture.
     blade_turn_deg : float
         Angle of the first corner, +x toward +y.
     wavelengths_m : tuple of float
-        Of the light that is diffracted by the aperture; empty for geometric optics. With three and a mosaic they are
-        red, green and blue, otherwise an even mixture.
+        Wavelengths of the diffracted light; empty for geometric optics. Three wavelengths with a mosaic are red, green
+        and blue, otherwise they are an even mixture.
     natural_vignetting : bool
         Whether the image darkens by cos^4 of the field angle.
     barrel_radius_m, barrel_length_m : float
-        Front opening of the lens barrel and its distance before the aperture; infinite radius for none.
+        Front opening of the lens barrel and its distance in front of the aperture; infinite radius for none.
     pixel_side : float
         Side of the square part of a pixel that collects light, in pixels (the square root of the fill factor).
     """
@@ -91,21 +91,21 @@ def focal_at_focus_px(focal_mm: float, focus_distance_m: float, pixel_pitch_um: 
     Raises
     ------
     ValueError
-        If the focus lies inside the focal length, where no image forms.
+        If the focus is inside the focal length, where no image forms.
     """
     if not focus_distance_m * 1e3 > focal_mm:
-        raise ValueError(f"focus at {focus_distance_m} m lies inside the focal length of {focal_mm} mm; focus farther")
+        raise ValueError(f"focus at {focus_distance_m} m is inside the focal length of {focal_mm} mm; increase it")
     image_distance_mm = focal_mm / (1.0 - focal_mm * 1e-3 / focus_distance_m)
     return image_distance_mm * 1e3 / pixel_pitch_um
 
 
 def distorts(camera: Camera) -> bool:
-    """Whether image and undistorted pixels differ. A fisheye without any coefficient still bends: theta_d = theta.
+    """Whether image and undistorted pixels differ. A fisheye without coefficients still distorts: theta_d = theta.
 
     Raises
     ------
     ValueError
-        If the model is unknown, or takes another number of coefficients.
+        If the model is unknown, or the number of coefficients is wrong.
     """
     problem = lens_problem(camera.distortion_model, camera.distortion)
     if problem:
@@ -114,7 +114,7 @@ def distorts(camera: Camera) -> bool:
 
 
 def camera_problem(camera: Camera) -> str:
-    """What is wrong with a camera's K or lens model, in one clause; empty if nothing is."""
+    """Problem with a camera's K or lens model, in one clause; empty if there is none."""
     try:
         k = np.asarray(camera.K, dtype=np.float64)
     except (TypeError, ValueError):
@@ -127,7 +127,7 @@ def camera_problem(camera: Camera) -> str:
 
 
 def lens_problem(model: str, distortion: tuple[float, ...]) -> str:
-    """What is wrong with a lens model, in one clause; empty if nothing is."""
+    """Problem with a lens model, in one clause; empty if there is none."""
     if model not in COEFFICIENTS:
         return f"distortion_model {model!r} is unknown; use {' or '.join(COEFFICIENTS)}"
     counts = COEFFICIENTS[model]
@@ -137,7 +137,7 @@ def lens_problem(model: str, distortion: tuple[float, ...]) -> str:
 
 
 def distort_normalised(camera: Camera, xy: ArrayLike) -> tuple[Array, Array]:
-    """Where the lens images normalised coordinates, and the Jacobian.
+    """Image of normalised coordinates, and the Jacobian.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def distort_normalised(camera: Camera, xy: ArrayLike) -> tuple[Array, Array]:
 
 
 def undistort_normalised(camera: Camera, xy: ArrayLike) -> Array:
-    """The inverse of `distort_normalised`, (..., 2): NaN where nothing in the lens's field is imaged."""
+    """The inverse of `distort_normalised`, (..., 2): NaN where no point of the lens's field is imaged."""
     p = np.asarray(xy, dtype=np.float64)
     if not distorts(camera):
         return p.copy()
@@ -194,8 +194,8 @@ def distort_px(camera: Camera, undistorted_px: ArrayLike) -> Array:
     Returns
     -------
     (..., 2) array
-        Where the lens images them, in pixels; NaN outside its field. A polynomial is a lens only as far out as it
-        grows: beyond, points far outside the view would return into the image.
+        Their images, in pixels; NaN outside the lens's field. A polynomial describes a lens only as far out as it
+        increases: beyond, points far outside the view would be imaged inside the image again.
     """
     if not distorts(camera):
         return np.array(undistorted_px, dtype=np.float64)
@@ -223,7 +223,7 @@ def undistort_px(camera: Camera, image_px: ArrayLike) -> Array:
 def ray_direction(camera: Camera, image_px: ArrayLike) -> Array:
     """Unit vectors (..., 3) from the camera centre through image pixels (..., 2); NaN where the lens images nothing.
 
-    The only way to say what a fisheye sees at 90 degrees from its axis and beyond.
+    Only rays can describe what a fisheye sees at 90 degrees from its axis and beyond.
     """
     xy = normalise(camera, image_px)
     if camera.distortion_model == "fisheye" and distorts(camera):
@@ -253,13 +253,13 @@ def project(camera: Camera, points_m: ArrayLike) -> Array:
 
 
 def sees_through_thin_lens(camera: Camera) -> bool:
-    """Whether all that the camera sees lies within `THIN_LENS_DEG` of its axis."""
+    """Whether the whole field of view is within `THIN_LENS_DEG` of the axis."""
     corners = [(u, v) for u in (-0.5, camera.width_px - 0.5) for v in (-0.5, camera.height_px - 0.5)]
     return bool(np.all(ray_direction(camera, np.array(corners))[:, 2] > np.cos(np.radians(THIN_LENS_DEG))))
 
 
 def folds_inside_image(camera: Camera) -> bool:
-    """Whether some part of the image lies outside the lens's field: there the distortion has no inverse."""
+    """Whether part of the image is outside the lens's field, where the distortion has no inverse."""
     if not distorts(camera):
         return False
     return _folds(
@@ -270,8 +270,8 @@ def folds_inside_image(camera: Camera) -> bool:
 @lru_cache(maxsize=64)
 def _folds(width_px: int, height_px: int, k: tuple[float, ...], model: str, distortion: tuple[float, ...]) -> bool:
     camera = Camera(width_px, height_px, np.reshape(k, (3, 3)), distortion, distortion_model=model)
-    # Seen from the axis the field has no holes: its first gap is at the image's border, which gets a point every 64th
-    # of a side; a coarser grid watches over the rest.
+    # The field is star-shaped about the axis: a gap appears first at the image border, which is sampled at every 64th
+    # of a side; a coarser grid checks the interior.
     u, v = np.linspace(-0.5, width_px - 0.5, 65), np.linspace(-0.5, height_px - 0.5, 65)
     points = [np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2) for a, b in ((u[[0, -1]], v), (u, v[[0, -1]]))]
     points.append(np.stack(np.meshgrid(u[::4], v[::4]), axis=-1).reshape(-1, 2))
@@ -279,7 +279,7 @@ def _folds(width_px: int, height_px: int, k: tuple[float, ...], model: str, dist
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """The camera as it stands in `cameras.json` (the lens's aperture is no business of a solver)."""
+    """The camera as stored in `cameras.json` (without the aperture, which a solver does not need)."""
     return {
         "width_px": camera.width_px,
         "height_px": camera.height_px,
@@ -291,13 +291,13 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 
 
 def camera_from_json(record: dict[str, Any]) -> Camera:
-    """Read the keys that `camera_to_json` writes; other keys are left alone.
+    """Read the keys that `camera_to_json` writes; other keys are ignored.
 
     Raises
     ------
     DataError
-        If a key is missing, K is not an upper triangular calibration matrix, or the lens model is unknown or takes
-        another number of coefficients.
+        If a key is missing, K is not an upper triangular calibration matrix, the lens model is unknown, or the number
+        of coefficients is wrong.
     """
     try:
         width_px, height_px = int(record["width_px"]), int(record["height_px"])
@@ -309,7 +309,7 @@ def camera_from_json(record: dict[str, Any]) -> Camera:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"camera record: {type(error).__name__} at {error}; it needs width_px, height_px, K") from error
     if width_px <= 0 or height_px <= 0:
-        raise DataError("camera record: needs a positive size")
+        raise DataError("camera record: width_px and height_px must be positive")
     if model == "none":
         if distortion:
             raise DataError(f"camera record: distortion_model none takes no coefficients, not {len(distortion)}")

@@ -1,11 +1,11 @@
 """Motion over the exposure: constant twists, and the exposure time of each sensor row.
 
-Time 0 is the middle of the exposure of the row where the centre of the sheet's first part stands; the pose of record
-of that part is the one at time 0. A body's twist is given in its own frame: velocity and rate of rotation,
+Time 0 is mid-exposure of the row that images the centre of the sheet's first part; the pose of record of that part is
+the one at time 0. A body's twist, velocity and rate of rotation, is given in its own frame:
 
     camera_from_sheet(t) = exp(-t [camera twist]) camera_from_sheet(0) exp(t [marker twist]).
 
-The exponential of a twist is in closed form (Murray, Li and Sastry 1994, eq. 2.36).
+The exponential of a twist has a closed form (Murray, Li and Sastry 1994, eq. 2.36).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Motion:
     Attributes
     ----------
     exposure_s : float
-        Of each row.
+        Exposure time of each row.
     row_s : float
         Delay from one row to the next; 0 is a global shutter.
     centre_row_px : float
@@ -45,7 +45,7 @@ class Motion:
 
     @property
     def moves(self) -> bool:
-        """Whether anything changes with time."""
+        """Whether the scene changes with time."""
         return bool(np.any(self.camera_twist) or np.any(self.marker_twist))
 
     def row_time_s(self, row_px: ArrayLike) -> Array:
@@ -73,13 +73,13 @@ def exp_twist(twist: ArrayLike, time_s: ArrayLike) -> Array:
     v, w = xi[..., :3], xi[..., 3:]
     a2 = np.sum(w * w, axis=-1)[..., None, None]
     a = np.sqrt(a2)
-    # Below 1e-3 rad the series is exact to the last bit that matters, and the quotients are not.
+    # Below 1e-3 rad the series is exact to double precision, and the quotients are not.
     small = a < 1e-3
     safe = np.where(small, 1.0, a)
     first = np.where(small, 1 - a2 / 6 + a2 * a2 / 120, np.sin(safe) / safe)
     second = np.where(small, 0.5 - a2 / 24 + a2 * a2 / 720, (1 - np.cos(safe)) / safe**2)
     third = np.where(small, 1 / 6 - a2 / 120 + a2 * a2 / 5040, (safe - np.sin(safe)) / safe**3)
-    # Filled in place: stacking took a third of the time.
+    # Filled in place, because stacking took a third of the time.
     cross = np.zeros((*xi.shape[:-1], 3, 3))
     cross[..., 0, 1], cross[..., 1, 0] = -w[..., 2], w[..., 2]
     cross[..., 2, 0], cross[..., 0, 2] = -w[..., 1], w[..., 1]
@@ -98,24 +98,24 @@ def pose_at(motion: Motion, camera_from_sheet: Array, time_s: ArrayLike) -> Arra
     if not motion.moves:
         return np.broadcast_to(camera_from_sheet, (*time.shape, 4, 4)).copy()
     pose = exp_twist(motion.camera_twist, -time) @ camera_from_sheet
-    # A marker at rest is the usual case; the identity changes nothing.
+    # A marker at rest is the usual case, and needs no transform.
     return pose @ exp_twist(motion.marker_twist, time) if np.any(motion.marker_twist) else pose
 
 
-# Newton steps on the row where a moving point is imaged; each doubles the digits.
+# Newton steps for the row where a moving point is imaged; each doubles the correct digits.
 _ROW_STEPS = 12
 _ROW_SLOPE_PX = 1e-3
 
 
 def image_of(camera: Camera, motion: Motion, camera_from_sheet: Array, points_m: ArrayLike) -> tuple[Array, Array]:
-    """Where points of the sheet are imaged, each at mid-exposure of the very row it is imaged on.
+    """Images of points of the sheet, each at mid-exposure of the row on which it is imaged.
 
     Parameters
     ----------
     camera : Camera
     motion : Motion
     camera_from_sheet : (4, 4) array
-        At time 0.
+        Pose at time 0.
     points_m : (n, 3) array_like
         In the sheet's frame, metres.
 
@@ -140,10 +140,10 @@ def image_of(camera: Camera, motion: Motion, camera_from_sheet: Array, points_m:
             beside = at(motion.row_time_s(row + _ROW_SLOPE_PX))[:, 1] - (row + _ROW_SLOPE_PX)
             before, row = row, row - miss * _ROW_SLOPE_PX / (beside - miss)
             if np.array_equal(before, row, equal_nan=True):
-                break  # every later step would be this one again
+                break  # later steps would repeat this one
         time = motion.row_time_s(row)
         px = at(time)
-        # A point as fast as the shutter is never caught, and a faster one is imaged upside down.
+        # A point as fast as the shutter is never imaged, and a faster one is imaged upside down.
         lost = ~(np.abs(px[:, 1] - row) < 1e-6) | ~(beside < miss)
     px[lost] = np.nan
     return px, time

@@ -9,14 +9,14 @@ Array = NDArray[np.float64]
 
 
 def srgb_to_linear(level: ArrayLike) -> Array:
-    """Linear light (...) of encoded levels (...)."""
+    """Convert encoded levels (...) to linear light (...)."""
     encoded = np.asarray(level, dtype=np.float64)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(light: ArrayLike) -> Array:
-    """Encoded levels (...) of linear light (...)."""
+    """Convert linear light (...) to encoded levels (...)."""
     linear = np.asarray(light, dtype=np.float64)
-    # The power is taken of no negative number, also where the straight part applies.
+    # Avoid powers of negative numbers, also where the linear part applies.
     power = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, power)

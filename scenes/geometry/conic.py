@@ -1,7 +1,7 @@
 """Conics: the image of a circle, its ellipse, the image of its centre, and the second pose.
 
 A conic is a symmetric 3x3 matrix C with x^T C x = 0 in undistorted pixel coordinates, of unit Frobenius norm,
-positive inside. An ellipse is an `Ellipse`; arrays (..., 5) of many hold its fields in their order.
+positive inside. A single ellipse is an `Ellipse`; arrays (..., 5) hold the fields of many ellipses in the same order.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 class Ellipse(NamedTuple):
     """An ellipse in pixels: centre, semi-axes a >= b, angle of the major axis from +x toward +y in [0, 180) degrees.
 
-    `np.asarray` makes a (5,) array of it, which every function that takes an ellipse does itself.
+    `np.asarray` converts it to a (5,) array; functions that take an ellipse do so themselves.
     """
 
     x_px: float
@@ -28,12 +28,12 @@ class Ellipse(NamedTuple):
 
     @classmethod
     def from_array(cls, values: ArrayLike) -> Ellipse:
-        """The record of a (5,) array."""
+        """Create an `Ellipse` from a (5,) array."""
         return cls(*np.asarray(values, dtype=np.float64).tolist())
 
 
 def _unit_positive_inside(conic: Array) -> Array:
-    # An ellipse that is positive inside has signature (1, 2): an even number of minuses, a positive determinant.
+    # An ellipse that is positive inside has signature (1, 2), and therefore a positive determinant.
     scaled = conic / np.linalg.norm(conic, axis=(-2, -1), keepdims=True)
     sign = np.where(np.linalg.det(scaled) < 0, -1.0, 1.0)
     return np.asarray(scaled * sign[..., None, None], dtype=np.float64)
@@ -59,7 +59,7 @@ def conic_of_circle(camera_from_marker: ArrayLike, radius_m: ArrayLike, K: Array
     r1, r2, r3, c = (m[..., :3, i] for i in range(4))
     d = np.sum(r3 * c, axis=-1, keepdims=True)
     # The inverse of [R r1, R r2, c], row by row: p = X R r1 + Y R r2 + W c has W = r3.p / d and X R = r1.p - W r1.c.
-    # A general inverse would lose the digits of its condition number, some 1e5 for a far marker.
+    # A general inverse would lose accuracy by its condition number, about 1e5 for a far marker.
     rows = [(axis - np.sum(axis * c, axis=-1, keepdims=True) / d * r3) / r for axis in (r1, r2)]
     rows.append(np.broadcast_to(r3 / d, rows[0].shape))
     inverse = np.stack(rows, axis=-2) @ np.linalg.inv(np.asarray(K, dtype=np.float64))
@@ -160,7 +160,7 @@ def other_candidate(normal: ArrayLike, centre_m: ArrayLike, radius_m: ArrayLike)
     Returns
     -------
     normal, centre_m : (..., 3) arrays
-        Equal to the input when the circle is seen along its own axis, where the solution is single.
+        Equal to the input if the circle is seen along its own axis, where there is only one solution.
     """
     n, c = np.asarray(normal, dtype=np.float64), np.asarray(centre_m, dtype=np.float64)
     radius = np.asarray(radius_m, dtype=np.float64)
@@ -170,10 +170,10 @@ def other_candidate(normal: ArrayLike, centre_m: ArrayLike, radius_m: ArrayLike)
     cos_phi = np.sum(axis * away, axis=-1)
     across = away - cos_phi[..., None] * axis
     sin_phi = np.linalg.norm(across, axis=-1)
-    # A circle seen along its axis has sin phi = 0: any direction across will do, the reflection then changes nothing.
+    # A circle seen along its axis has sin phi = 0: any perpendicular direction works, the reflection has no effect.
     safe = np.where(sin_phi > 0, sin_phi, 1.0)
     across = across / safe[..., None]
-    # Near the axis the first subtraction leaves a remainder of 1e-16 / sin phi along it; the second takes that away.
+    # Near the axis the first subtraction leaves a remainder of 1e-16 / sin phi along it; the second removes it.
     across = across - np.sum(across * axis, axis=-1, keepdims=True) * axis
     theta = 0.5 * np.arctan2(
         2 * radius**2 * sin_phi * cos_phi, distance**2 + radius**2 * (cos_phi - sin_phi) * (cos_phi + sin_phi)

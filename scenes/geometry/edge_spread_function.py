@@ -28,7 +28,7 @@ def step_response(
     half_sum, half_difference : (N,) arrays
         (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2.
     variance : float or (N,) array
-        Of the blur, px^2.
+        Variance of the blur, px^2.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def step_response(
     """
     sigma = np.sqrt(variance)
     w1w2 = half_sum**2 - half_difference**2
-    # Along a row or column one box has no width: a thin one is the same to 1e-6 and keeps the differences finite.
+    # Along a row or column one box has zero width: a thin one is equal to 1e-6 and keeps the differences finite.
     thin = w1w2 < 1e-3
     corner = np.where(thin, np.abs(half_difference) - 5e-4, np.abs(half_difference))
     outer = np.where(thin, corner + 1e-3, half_sum)
@@ -59,29 +59,29 @@ def step_response(
 
 
 def curved_distance(distance: Array, curvature: Array, curvature_ss: Array, variance: float) -> tuple[Array, Array]:
-    """Distance to the straight edge whose blurred image is that of a curved one, and its derivative by the variance.
+    """Distance to the straight edge with the same blurred image as a curved one, and its derivative by the variance.
 
     A Gaussian blur obeys the heat equation, in coordinates (s, d) along and across the contour
 
         f_v = (f_dd + kappa / (1 + kappa d) f_d + f_ss) / 2   (v the variance; f_ss at the contour),
 
-    whose drift moves the half level toward the centre of curvature: by kappa v / 2 in first order, and with
+    whose drift moves the half level toward the centre of curvature: by kappa v / 2 to first order. With
     kappa / (1 + kappa d) expanded to kappa - kappa^2 d + kappa^3 d^2 (each power of d averaged over the Brownian bridge
-    from the pixel to the edge) in all by
+    from the pixel to the edge) the total is
 
         z = d + kappa v / 2 - kappa^2 v d / 4 + kappa^3 v d^2 / 6 + (kappa^3 / 12 + kappa'' / 8) v^2.
 
-    Up to a blur of a quarter of the semi-minor axis an ellipse fitted with it is right to 0.01 px (to 0.0001 px up to
-    an eighth).
+    Up to a blur of a quarter of the semi-minor axis an ellipse fitted with it is accurate to 0.01 px (to 0.0001 px up
+    to an eighth).
 
     Parameters
     ----------
     distance : (N,) array
         Signed, positive outside, px.
     curvature, curvature_ss : (N,) arrays
-        Of the contour at the foot point, 1/px, and its second derivative by arc length, 1/px^3.
+        Curvature of the contour at the foot point, 1/px, and its second derivative by arc length, 1/px^3.
     variance : float
-        Of the blur and the pixel together, px^2.
+        Variance of the blur and the pixel together, px^2.
     """
     square = curvature**2
     cubic = square * curvature * distance**2 / 6

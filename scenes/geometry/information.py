@@ -1,7 +1,7 @@
 """Fisher information of a circle's pose in its contour, and of an ellipse in its pixels.
 
-Contours: edge point i is pi(X(t_i)) + N(0, sigma^2 I). Where along the circle it came from, t_i, is unknown, and the
-Schur complement over t_i leaves the component along the image normal nu_i of the contour (errata, section 6):
+Contours: edge point i is pi(X(t_i)) + N(0, sigma^2 I). Its position t_i along the circle is unknown; the Schur
+complement over t_i leaves the component along the image normal nu_i of the contour (errata, section 6):
 
     F = sigma^-2 sum J_i^T J_i,   J_i = nu_i^T J_pi(X_i) [w x (X_i - c), I3 (, d / d ln f)],   w = r1, r2
 """
@@ -26,16 +26,16 @@ from roundel.scenes.geometry.edge_spread_function import (
 
 Array = NDArray[np.float64]
 
-# The integral over the circle is a sum over this many points: smooth and periodic, it converges faster than any power
-# of their number (64 would do for a circle that nearly touches the camera's plane).
+# The integral over the circle is a sum over this many points: the integrand is smooth and periodic, so that the sum
+# converges faster than any power of their number (64 suffice for a circle that nearly touches the camera's plane).
 _QUADRATURE = 256
-# Beyond this condition number (parameters scaled to one) the information is singular within its own rounding.
+# Above this condition number (parameters scaled to one) the information is singular to rounding.
 _SINGULAR = 1e13
-# Of a band of pixels: angles (of a blunt ellipse, of others), and Gauss-Legendre nodes across it before, within and
-# beyond six sigma of the edge. Within 0.3 % of many more for sharp edges, where the response has corners; 3 % where the
-# blur is half of the minor semi-axis.
+# Quadrature over a band of pixels: angles (for a blunt ellipse, for others), and Gauss-Legendre nodes across it before,
+# within and beyond six sigma of the edge. The error against many more nodes is within 0.3 % for sharp edges, where the
+# response has corners, and 3 % if the blur is half of the minor semi-axis.
 _ANGLES, _NODES = (32, 96), (4, 48, 4)
-_SHARPEST_PX = 0.05  # a blur below it is as sharp as none, but keeps the response differentiable
+_SHARPEST_PX = 0.05  # a blur below it counts as none; it keeps the response differentiable
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class PoseBound:
     Attributes
     ----------
     normal_deg : float
-        RMS angle between estimated and true normal: both tangential axes together. Infinite where one axis is unknown.
+        RMS angle between estimated and true normal, both tangential axes together. Infinite if one axis is unknown.
     position_m : float
-        RMS distance between estimated and true centre: all three axes together.
+        RMS distance between estimated and true centre, all three axes together.
     cov : (5, 5) or (6, 6) array
-        Inverse of the information, in its parameters.
+        Inverse of the information, in the same parameters.
     """
 
     normal_deg: float
@@ -80,12 +80,12 @@ def contour_information(
     count : float
         Number of points.
     spacing : str
-        The points lie evenly along the contour in the image (`contour`: by arc length, as its pixels do) or along the
-        circle in the world (`circle`). The sum is taken over all phases of the pattern.
+        The points are evenly spaced along the contour in the image (`contour`: by arc length, like its pixels) or along
+        the circle in the world (`circle`). The sum averages over all phases of the pattern.
     focal_sigma : float, optional
         Adds ln f, for both focal lengths at once, as sixth parameter with a prior of this standard deviation (a
-        fraction of f), one more row 1 / focal_sigma. Infinite for no prior: the information then has rank 5, since
-        every f gives a pose that reproduces the ellipse.
+        fraction of f), as one more row 1 / focal_sigma. Infinite for no prior: the information then has rank 5, because
+        every f has a pose that reproduces the ellipse.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def contour_information(
     Raises
     ------
     ValueError
-        If a number is not positive, or the circle is not wholly before the camera or is seen on edge.
+        If a number is not positive, or the circle is not entirely in front of the camera or is seen edge-on.
     """
     if not all(math.isfinite(v) and v > 0 for v in (radius_m, sigma_px, count)):
         raise ValueError("radius_m, sigma_px and count must be positive, finite numbers")
@@ -108,9 +108,9 @@ def contour_information(
     tangent = radius_m * (np.cos(t)[:, None] * r2 - np.sin(t)[:, None] * r1)
     x, y, z = (centre + arm).T
     if not np.all(z > 0):
-        raise ValueError("the circle is not wholly before the camera")
+        raise ValueError("the circle is not entirely in front of the camera")
     if not abs(m[:3, 2] @ centre) > 1e-12 * np.linalg.norm(centre):
-        raise ValueError("the circle is seen on edge: its image is no ellipse")
+        raise ValueError("the circle is seen edge-on: its image is not an ellipse")
     zero = np.zeros_like(z)
     projection = np.stack([np.stack([1 / z, zero, -x / z**2], -1), np.stack([zero, 1 / z, -y / z**2], -1)], axis=-2)
     projection = k[:2, :2] / k[2, 2] @ projection
@@ -132,9 +132,9 @@ def contour_information(
 def pose_bound(information: ArrayLike) -> PoseBound:
     """Cramer-Rao bound of normal and position from `contour_information`.
 
-    Both are infinite where the information is singular: for a circle seen along its own axis, where a small tilt
-    cannot be told from a shift, and without any prior of the focal length. Close to that (below the breakdown tilt of
-    errata, section 6) the bound is finite but no estimator is unbiased, and it bounds nothing.
+    Both are infinite if the information is singular: for a circle seen along its own axis, where a small tilt cannot be
+    distinguished from a shift, and without a prior on the focal length. Close to that (below the breakdown tilt of
+    errata, section 6) the bound is finite, but no estimator is unbiased, so the bound does not apply.
     """
     f = np.asarray(information, dtype=np.float64)
     scale = 1 / np.sqrt(np.diag(f))
@@ -154,12 +154,12 @@ def shape_information_of_pixels(
     noise_dn: float | tuple[float, float],
     reach_px: float = 8.0,
 ) -> Array:
-    """Fisher information of pixels about the shape of the ellipse that they show, its grey levels and blur unknown.
+    """Fisher information of pixels about the shape of an ellipse, with unknown grey levels and blur.
 
-    A pixel is inside + (outside - inside) T(z) with Gaussian noise, T and z as in `scenes.step_response`. Pixels lie
-    densely and at all phases: their sum is the integral over the band. One pair of grey levels and one blur (the
-    variance b^2 in T, to which the pixel adds its square) are unknown and leave by a Schur complement: known, the bound
-    would be 1.2 to 1.5 times smaller.
+    A pixel is inside + (outside - inside) T(z) with Gaussian noise, T and z as in `scenes.edge_spread_function`. Pixels
+    are dense and at all phases: their sum is the integral over the band. One pair of grey levels and one blur (the
+    variance b^2 in T, to which the pixel adds its square) are unknown and eliminated by a Schur complement. If they
+    were known, the bound would be 1.2 to 1.5 times smaller.
 
     Parameters
     ----------
@@ -169,10 +169,10 @@ def shape_information_of_pixels(
     blur_px : float
         Gaussian sigma, without the pixel.
     noise_dn : float or (float, float)
-        Standard deviation of a pixel; of one inside and one outside.
+        Standard deviation of a pixel, or of a pixel inside and one outside.
     reach_px : float
-        How far from the contour pixels are counted, beyond five sigma of the blur: grey levels come from there. From
-        6 px on it matters by less than a tenth.
+        Distance from the contour up to which pixels count, beyond five sigma of the blur: they determine the grey
+        levels. Above 6 px it changes the result by less than a tenth.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def shape_information_of_pixels(
     Raises
     ------
     ValueError
-        If there is no contrast, or noise, blur or axes are no positive numbers.
+        If there is no contrast, or if noise, blur or axes are not positive numbers.
     """
     _, _, a, b, angle = (float(v) for v in np.asarray(ellipse, dtype=np.float64))
     noise = np.broadcast_to(np.asarray(noise_dn, dtype=np.float64), (2,))
@@ -193,12 +193,12 @@ def shape_information_of_pixels(
         raise ValueError("noise_dn, reach_px and the semi-axes must be positive, blur_px not negative")
     variance = max(blur_px, _SHARPEST_PX) ** 2
     spread = math.sqrt(variance + PIXEL_VARIANCE)
-    # Where no normals cross within the edge's reach the integrand is smooth all round.
+    # If no normals cross within the edge's reach, the integrand is smooth everywhere.
     angles = _ANGLES[b * b / a < 6.0 * spread]
     t = (np.arange(angles) + 0.5) * (2 * np.pi / angles)
     curvature, curvature_ss = ellipse_curvature(a, b, np.cos(t), np.sin(t))
     speed = np.hypot(a * np.sin(t), b * np.cos(t))
-    # Normals cross beyond the centre of curvature: pixels inside of it are counted from another part of the contour.
+    # Normals cross beyond the centre of curvature: pixels there are counted from another part of the contour.
     far = reach_px + 5.0 * spread
     near = np.maximum(-far, -1.0 / curvature)
     ends = [near, np.maximum(near, -6.0 * spread), np.full_like(near, 6.0 * spread), np.full_like(near, far)]
@@ -242,7 +242,7 @@ def _nodes(low: Array, high: Array, count: int) -> tuple[Array, Array]:
 def pose_information_of_shape(
     information: ArrayLike, camera_from_marker: ArrayLike, radius_m: float, K: ArrayLike
 ) -> Array:
-    """Information about a circle's pose from that about the shape of its ellipse: as many parameters, J^T F J.
+    """Information about a circle's pose from that about the shape of its ellipse: J^T F J, with as many parameters.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def pose_information_of_shape(
         Parameters: rotation about the marker's X and Y axes (rad), centre x, y, z (m), for `pose_bound`.
     """
     m = np.asarray(camera_from_marker, dtype=np.float64)
-    # Central differences: rounding 1e-16 / 1e-5 and curvature 1e-10 both vanish.
+    # Central differences: rounding of 1e-16 / 1e-5 and curvature of 1e-10 are both negligible.
     tiny = 1e-5
     columns = []
     for i in range(5):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# The marker frame of a marker that faces the camera squarely and stands upright: X right, Y up, Z to the camera.
+# Frame of an upright marker that faces the camera squarely: X right, Y up, Z toward the camera.
 FACING = np.diag([1.0, -1.0, -1.0])
 
 
@@ -21,7 +21,7 @@ def angle_deg(a: ArrayLike, b: ArrayLike) -> Array:
     Parameters
     ----------
     a, b : (..., 3) array_like
-        Any length but zero.
+        Vectors of any non-zero length.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def minimal_rotation(a: ArrayLike, b: ArrayLike) -> Array:
 def camera_from_marker_of(normal: ArrayLike, centre_m: ArrayLike, roll_deg: float = 0.0) -> Array:
     """Pose (4, 4) of a marker from its normal and centre in the camera frame.
 
-    At roll 0 the marker is an upright page that faces the camera (X right, Y up), tilted by the minimal rotation that
+    At roll 0 the marker is an upright page facing the camera (X right, Y up), tilted by the minimal rotation that
     takes its normal to `normal`; `roll_deg` then turns it in its own plane, X toward Y.
     """
     c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))

@@ -1,9 +1,9 @@
 """Reflectance of a sheet, point by point, in float64: the definition of what `roundel.render.scene.ink` traces.
 
-Coverage of ink. Sharp edges are decided by inequalities. With `edge_softness_m` = w every edge is a linear ramp of full
-width w, centred on it: of circles along the radius; of squares, bars and cells as the sharp pattern averaged over a
-square of side w that is aligned with it, which is a ramp across each edge and the product of two at a corner; of
-sectors the same along radius and arc. The sheet's own border is cut, and stays sharp.
+Inequalities decide the coverage of ink at sharp edges. With `edge_softness_m` = w every edge is a linear ramp of full
+width w, centred on it. For circles the ramp is along the radius. For squares, bars and cells the sharp pattern is
+averaged over an aligned square of side w, which gives a ramp across each edge and the product of two ramps at a corner.
+Sectors do the same along radius and arc. The sheet's border is cut and stays sharp.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def reflectance_at(sheet: Sheet, x_m: ArrayLike, y_m: ArrayLike) -> Array:
     """Reflectance of the print at points of its plane, (...) float64, in [0, 1]."""
     x, y = np.broadcast_arrays(np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64))
     value = np.full(x.shape, float(sheet.paper))
-    # Rays that miss the plane come as NaN or infinite: whatever they are covered by, they are not on the sheet.
+    # Rays that miss the plane are NaN or infinite: they are not on the sheet, whatever their coverage.
     with np.errstate(invalid="ignore"):
         for shape in sheet.shapes:
             cover = coverage(shape, x, y, sheet.edge_softness_m)
@@ -39,7 +39,7 @@ def reflectance_at(sheet: Sheet, x_m: ArrayLike, y_m: ArrayLike) -> Array:
 
 
 def coverage(shape: Shape, x_m: Array, y_m: Array, softness_m: float = 0.0) -> Array:
-    """How much of a shape's ink is at points of the plane, (...) in [0, 1]; 0 or 1 where its edges are sharp."""
+    """Ink coverage of a shape at points of the plane, (...) in [0, 1]; 0 or 1 if its edges are sharp."""
     u, v = x_m - shape.x_m, y_m - shape.y_m
     if isinstance(shape, Disc):
         return _ramp(shape.radius_m - np.hypot(u, v), softness_m)
@@ -56,20 +56,20 @@ def coverage(shape: Shape, x_m: Array, y_m: Array, softness_m: float = 0.0) -> A
 
 
 def _ramp(inside_m: Array, softness_m: float) -> Array:
-    """From 0 to 1 over the ramp's width, by the signed distance from the edge."""
+    """Ramp from 0 to 1 over the ramp's width, by the signed distance from the edge."""
     if softness_m == 0:
         return np.asarray(inside_m > 0, dtype=np.float64)
     return np.asarray(np.clip(inside_m / softness_m + 0.5, 0.0, 1.0), dtype=np.float64)
 
 
-# From a position to the number of the interval that holds it, and to where that interval begins.
+# Functions from a position to the index of its interval, and from an index to the start of that interval.
 _Locate = Callable[[Array], tuple[Array, Array]]
 
 
 def _reached(at: Array, softness_m: Array | float, locate: _Locate) -> list[tuple[Array, Array | float]]:
-    """The intervals that a stretch of the ramp's width, centred at a position, lies in, and its share of each.
+    """The intervals covered by a segment of the ramp's width, centred at a position, and its share of each.
 
-    The ramp is narrower than any interval, so there are two at most.
+    The ramp is narrower than any interval, so there are at most two.
     """
     if not np.any(softness_m):
         return [(locate(at)[0], 1.0)]
@@ -99,7 +99,7 @@ def _cells(shape: Cells, u: Array, v: Array, softness_m: float) -> Array:
     n, cell = shape.side, shape.cell_m
 
     def locate(count: int, span: float) -> _Locate:
-        # Where tags touch there is no gap for rounding to fall into.
+        # Touching tags have no gap, so rounding must not create one.
         last = n if shape.pitch_m > shape.tag_m else n - 1
 
         def at_position(at: Array) -> tuple[Array, Array]:
@@ -116,7 +116,7 @@ def _cells(shape: Cells, u: Array, v: Array, softness_m: float) -> Array:
         for column, in_column in _reached(u + width / 2, softness_m, locate(shape.columns, width)):
             tag_row, cell_row = np.divmod(row.astype(np.int64), n)
             tag_column, cell_column = np.divmod(column.astype(np.int64), n)
-            ink = table[tag_row, tag_column, cell_row, cell_column]  # -1 reads some cell, and is masked
+            ink = table[tag_row, tag_column, cell_row, cell_column]  # index -1 reads an arbitrary cell and is masked
             cover += in_row * in_column * ((row >= 0) & (column >= 0) & (ink == 1))
     return cover
 

@@ -1,9 +1,9 @@
 """Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres.
 
 Marker frame: X right, Y up, Z out of the printed face; the origin is the circle's centre, or the board's.
-A sheet carries one or more parts (a disc, a chessboard beside it); each part has a row of its own in the truth. Part 0
-stands at the sheet's origin, whose pose is the one that a study asks for. `scenes.prints` makes sheets from sections,
-`scenes.ink_pattern` says how they reflect, `scenes.outlines` where their edges are.
+A sheet has one or more parts (a disc, a chessboard beside it); each part has its own row in the truth. Part 0 is at the
+sheet's origin, whose pose is the one set by the study. `scenes.world.sheets` makes sheets from sections,
+`scenes.markers.ink_pattern` defines their reflectance, `scenes.markers.outlines` their edges.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Bar:
 class Cells:
     """A grid of square tags centred at (x_m, y_m), each of `side` by `side` cells, `pitch_m` from tag to tag.
 
-    `ink` has a byte a cell, 1 or 0, in the order (tag row, tag column, cell row, cell column), rows from the top.
+    `ink` has one byte per cell, 1 or 0, in the order (tag row, tag column, cell row, cell column), rows from the top.
     """
 
     x_m: float
@@ -72,7 +72,7 @@ class Cells:
         return self.tag_m / self.side
 
     def span_m(self) -> tuple[float, float]:
-        """Width and height, from the first tag's border to the last's."""
+        """Width and height, from the first tag's border to that of the last."""
         return (self.columns - 1) * self.pitch_m + self.tag_m, (self.rows - 1) * self.pitch_m + self.tag_m
 
     def table(self) -> NDArray[np.uint8]:
@@ -84,8 +84,8 @@ class Cells:
 class Sectors:
     """Cells on rings: `rings` by `sectors` of them between two radii about (x_m, y_m).
 
-    `ink` has a byte a cell, 1 or 0, ring by ring from the inside; sectors from +X clockwise for someone who reads the
-    print, as angles go in an image.
+    `ink` has one byte per cell, 1 or 0, ring by ring from the inside; sectors run from +X clockwise as seen by a reader
+    of the print, like angles in an image.
     """
 
     x_m: float
@@ -112,9 +112,9 @@ Shape = Disc | Checker | Bar | Cells | Sectors
 
 @dataclass(frozen=True)
 class Part:
-    """What the truth has one row for; it is centred at (x_m, y_m) of the sheet.
+    """A part of a sheet, which has one row in the truth; it is centred at (x_m, y_m) of the sheet.
 
-    `size_m` is the width and height of a print that is no circle.
+    `size_m` is the width and height of a print that is not a circle.
     """
 
     marker_id: int
@@ -135,7 +135,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Clutter:
-    """Discs and squares on the wall, one a cell of `cell_m`, their reflectance within `contrast` of the wall's."""
+    """Discs and squares on the wall, one per cell of `cell_m`, with reflectances within `contrast` of the wall's."""
 
     cell_m: float
     contrast: float
@@ -143,7 +143,7 @@ class Clutter:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A printed sheet before a wall: shapes are painted in order; outside `low_m` .. `high_m` the wall begins.
+    """A printed sheet in front of a wall: shapes are painted in order; the wall is outside `low_m` .. `high_m`.
 
     Attributes
     ----------
@@ -155,10 +155,10 @@ class Sheet:
     edge_softness_m : float
         Full width of the linear ramp across every edge of the ink, centred on it.
     grain, grain_m : float
-        RMS of the print's reflectance as a fraction of it, and the size of a grain.
+        RMS variation of the print's reflectance as a fraction of it, and the size of a grain.
     clutter : Clutter or None
     seed : int
-        Of grain and clutter, 0 to 2^32 - 1.
+        Seed of grain and clutter, 0 to 2^32 - 1.
     """
 
     low_m: tuple[float, float]
@@ -175,5 +175,5 @@ class Sheet:
 
 
 def is_smooth(sheet: Sheet) -> bool:
-    """Whether sheet and wall are of one reflectance each between the outlines: no grain, no clutter."""
+    """Whether sheet and wall each have a constant reflectance between the outlines: no grain, no clutter."""
     return sheet.grain == 0 and sheet.clutter is None

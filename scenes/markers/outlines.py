@@ -9,14 +9,14 @@ from roundel.scenes.markers.marker import Bar, Cells, Checker, Disc, Sectors, Sh
 
 Array = NDArray[np.float64]
 
-# Chords round a circle: they leave it by 8e-5 of its radius at most.
+# Number of chords of a circle: they deviate from it by at most 8e-5 of its radius.
 _CHORDS = 256
 
 
 def outlines(sheet: Sheet) -> list[Array]:
     """Every edge of the print as a polyline (n, 2) in the sheet's plane, metres; the sheet's border first.
 
-    Soft edges reach `edge_reach_m` to both sides of these lines. Clutter and grain have no lines here.
+    Soft edges extend `edge_reach_m` to both sides of these lines. Clutter and grain have no lines here.
     """
     lines = [_rectangle(sheet.low_m, sheet.high_m)]
     for shape in sheet.shapes:
@@ -25,7 +25,7 @@ def outlines(sheet: Sheet) -> list[Array]:
 
 
 def edge_reach_m(sheet: Sheet) -> float:
-    """How far a soft edge reaches to either side of its line: half its ramp."""
+    """Extent of a soft edge to either side of its line: half its ramp."""
     return sheet.edge_softness_m / 2
 
 
@@ -59,11 +59,11 @@ def _checker_edges(shape: Checker, centre: Array) -> list[Array]:
 
 
 def _cell_edges(shape: Cells, centre: Array) -> list[Array]:
-    """Boundaries between unlike cells, each once, those in one line and touching as one."""
+    """Boundaries between different cells, each once; collinear boundaries that touch are merged."""
     n, gap = shape.side, shape.pitch_m - shape.tag_m
     width, height = shape.span_m()
     between = 1 if gap > 0 else 0
-    # The whole grid as one raster of cells and gaps, with a rim of nothing.
+    # The whole grid as one raster of cells and gaps, with an empty border.
     table = np.pad(shape.table(), ((0, 0), (0, 0), (0, between), (0, between)))
     raster = table.transpose(0, 2, 1, 3).reshape(shape.rows * (n + between), shape.columns * (n + between))
     raster = np.pad(raster[: len(raster) - between, : raster.shape[1] - between], 1)
@@ -83,7 +83,7 @@ def _cell_edges(shape: Cells, centre: Array) -> list[Array]:
 
 
 def _sector_edges(shape: Sectors, centre: Array) -> list[Array]:
-    """Boundaries between unlike cells: arcs, as chords, and pieces of rays."""
+    """Boundaries between different cells: arcs, as chords, and radial segments."""
     table, step = shape.table(), 2 * np.pi / shape.sectors
     radii = shape.inner_m + shape.ring_m * np.arange(shape.rings + 1)
     chords = max(1, -(-_CHORDS // shape.sectors))

@@ -1,6 +1,6 @@
 """Square tags: their cells by family and id, and their layout on a board.
 
-The bits are those of OpenCV's predefined dictionaries, so that its detectors read what is rendered.
+The bits are those of OpenCV's predefined dictionaries, so that its detectors read the rendered tags.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def tag_cells(family: str, first_id: int, count: int) -> Cells:
     side, codes = _families()[family]
     if first_id + count > len(codes):
         raise ValueError(
-            f"marker.first_id: {count} tags from id {first_id} on end at {first_id + count - 1}, and {family} ends at "
-            f"{len(codes) - 1}; start earlier, make the board smaller, or take another family"
+            f"marker.first_id: {count} tags from id {first_id} need ids up to {first_id + count - 1}, but {family} "
+            f"ends at {len(codes) - 1}; use a smaller first_id, a smaller board, or another family"
         )
     cells = np.ones((count, side + 2, side + 2), dtype=np.uint8)
     for i, code in enumerate(codes[first_id : first_id + count]):
@@ -60,10 +60,10 @@ def tag_grid(family: str, first_id: int, columns: int, rows: int) -> Cells:
 
 
 def charuco_grid(family: str, first_id: int, columns: int, rows: int) -> Cells:
-    """Cells (rows, columns, n, n) of the tags of a ChArUco board, without ink where a square is black.
+    """Cells (rows, columns, n, n) of the tags of a ChArUco board, without ink in black squares.
 
-    OpenCV's pattern since 4.6: the top-left square is black whatever the number of rows, and the white ones are
-    numbered row by row.
+    OpenCV's pattern since 4.6: the top-left square is black for any number of rows, and the white squares are numbered
+    row by row.
     """
     row, column = np.mgrid[:rows, :columns]
     white = (row + column) % 2 == 1

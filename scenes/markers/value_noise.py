@@ -1,7 +1,7 @@
-"""Value noise: random numbers that belong to places, for paper grain and clutter.
+"""Value noise: random numbers as a function of position, for paper grain and clutter.
 
-A place's lattice cell and a seed are hashed to integers by pcg3d (Jarzynski and Olano, Hash functions for GPU
-rendering, JCGT 9(3), 2020), in 32-bit arithmetic that the renderer repeats exactly.
+The lattice cell of a position and a seed are hashed to integers by pcg3d (Jarzynski and Olano, Hash functions for GPU
+rendering, JCGT 9(3), 2020), in 32-bit arithmetic that the renderer reproduces exactly.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Integers = NDArray[np.uint32]
 
-# One seed serves several purposes; these are added to it.
+# Offsets added to the seed, one for each purpose.
 GRAIN, CLUTTER_SHAPE, CLUTTER_PLACE = 0x3C6EF372, 0xDAA66D2B, 0x78DDE6E4
 
 # Grain has unit RMS: a lattice value is uniform in +-sqrt(3), and the smoothstep s between two of them keeps
 # E[s^2 + (1 - s)^2] = 26/35 of the variance along each axis.
 GRAIN_AMPLITUDE = 3**0.5 * 35 / 26
 
-# Half the size of a thing of clutter, in cells: this much at least, and this much more at most.
+# Half the size of a clutter shape, in cells: the minimum, and the largest addition to it.
 CLUTTER_LEAST, CLUTTER_MORE = 0.1, 0.35
 
 
@@ -45,7 +45,7 @@ def unit(h: Integers) -> Array:
 def _cells(at_m: ArrayLike, cell_m: float) -> tuple[Integers, Array]:
     """The lattice cell of positions along an axis, and how far into it they are, in cells."""
     u = np.asarray(at_m, dtype=np.float64) / cell_m
-    # What is beyond all integers, or nowhere (NaN), is in cell 0.
+    # Positions beyond the integer range, or NaN, are in cell 0.
     u = np.where(np.abs(u) < 2.0**31, u, 0.0)
     index = np.floor(u)
     return index.astype(np.int64).astype(np.uint32), u - index
@@ -71,14 +71,14 @@ def grain_at(x_m: ArrayLike, y_m: ArrayLike, cell_m: float, seed: int) -> Array:
 
 
 def clutter_at(x_m: ArrayLike, y_m: ArrayLike, cell_m: float, seed: int) -> tuple[NDArray[np.bool_], Array]:
-    """Discs and squares, one a cell and wholly within it.
+    """Discs and squares, one per cell and entirely inside it.
 
     Returns
     -------
     inside : bool array
-        Whether a place lies on its cell's disc or square.
+        Whether a position is on its cell's disc or square.
     level : array
-        Of that thing, uniform in [-1, 1).
+        Level of that shape, uniform in [-1, 1).
     """
     (column, u), (row, v) = _cells(x_m, cell_m), _cells(y_m, cell_m)
     kind, size, level = pcg3d(column, row, _key(seed, CLUTTER_SHAPE))

@@ -1,4 +1,4 @@
-"""A study: YAML to checked sections, and which numbers each frame draws.
+"""A study: from YAML to checked sections, and the values that each frame draws.
 
 camera_section: Keys of the camera and its motion: lens, shutter, twists
 identity: Identity of studies and frames as checksums
@@ -6,8 +6,8 @@ layers: Layers of a study: a preset, then shared keys, then a group's own keys
 light_map: Check an environment-map file: it exists, is OpenEXR within the size limit, and matches its recorded
     checksum
 light_section: Keys of lights and occluders
-marker_section: Keys of a marker: what is printed, on which paper, and the wall behind it
-sampling: Sampling: the number that each frame draws for each distribution of a study
+marker_section: Keys of a marker: the print, its paper, and the wall behind it
+sampling: Sampling: the value that each frame draws for each distribution of a study
 schema: Keys of a study as strict pydantic models
 section: Base class of all sections of a study: strict, frozen, finite
 sensor_file: A `sensor:` section from its own file, applied to every group of a study

@@ -83,7 +83,7 @@ class CameraSection(Section):
         if problem:
             raise ValueError(problem)
         if self.f_number is not None and (self.aperture_mm is not None or self.focal_mm is None):
-            raise ValueError("f_number goes with focal_mm; with focal_px give aperture_mm")
+            raise ValueError("f_number needs focal_mm; with focal_px give aperture_mm")
         has_aperture = self.f_number is not None or self.aperture_mm is not None
         if has_aperture and self.focus_m is None:
             raise ValueError("an aperture needs focus_m, the distance in focus")
@@ -104,7 +104,7 @@ class TwistSection(Section):
 
 
 class MotionSection(Section):
-    """When each row is exposed, and what moves meanwhile."""
+    """When each row is exposed, and what moves during the exposure."""
 
     exposure_s: NonNegative = Field(default=0.01, description="exposure time of each row, s")
     readout_s: NonNegative = Field(

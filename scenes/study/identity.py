@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from roundel.scenes.surroundings.bodies import Surroundings
     from roundel.scenes.world.frame import Frame
 
-# How a study's numbers become frames: the order of grids, the low-discrepancy sequence, its scrambling, the seeds, how
-# a pose is built, and the defaults of the schema. Raise it when any study draws other frames than before; then, and
-# only then, make tests/golden anew (tests/helpers/make_golden.py). It is part of every dataset_id.
+# Version of the sampling: the order of grids, the low-discrepancy sequence, its scrambling, the seeds, the construction
+# of poses, and the defaults of the schema. Increment it when any study draws different frames; then, and only then,
+# regenerate tests/golden (tests/helpers/make_golden.py). It is part of every dataset_id.
 SAMPLING_VERSION = 1
 
-# Digits that are compared: far above the last bits in which two builds of a mathematics library differ, and far below
-# anything that moves a pixel (1e-9 m at 1 m).
+# Digits that are compared: far coarser than the last bits in which two builds of a mathematics library differ, and far
+# finer than anything that moves a pixel (1e-9 m at 1 m).
 _DIGITS = 9
 
 
@@ -30,28 +30,28 @@ def _sha256(value: Any) -> str:
 
 
 def study_digest(study: Study) -> str:
-    """The dataset_id: sha256 of all that decides a study's frames.
+    """The dataset_id: sha256 of everything that determines a study's frames.
 
-    Keys that have their default value are left out, so that a new key does not change the id of a study that does not
-    use it. How frames are solved and scored is left out, too.
+    Keys with their default value are left out, so that a new key does not change the id of a study that does not use
+    it. Settings of the solver and the validator are left out, too.
     """
     groups = {
         name: group.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
         for name, group in study.groups.items()
     }
-    # A list of pairs: groups follow one another in the order of the study, and frame ids with them.
+    # A list of pairs, because the order of groups in the study determines the frame ids.
     return _sha256(
         {"schema": SCHEMA_VERSION, "sampling": SAMPLING_VERSION, "seed": study.seed, "groups": list(groups.items())}
     )
 
 
 def _rounded(values: Any) -> list[float]:
-    # Adding zero turns -0.0 into 0.0.
+    # Adding zero converts -0.0 to 0.0.
     return [float(v) + 0.0 for v in np.round(np.asarray(values, dtype=np.float64).ravel(), _DIGITS)]
 
 
 def frame_numbers(frame: Frame) -> dict[str, Any]:
-    """The numbers a frame is made from: what was drawn, the level of the sweep, the seeds, the camera and the pose.
+    """The values that define a frame: drawn values, level of the sweep, seeds, camera and pose.
 
     Returns
     -------
@@ -82,5 +82,5 @@ def _placed(around: Surroundings) -> list[Any]:
 
 
 def frame_digest(frame: Frame) -> str:
-    """sha256 of `frame_numbers`: what a frame's journal line records, and what `finish` and `verify` compare."""
+    """sha256 of `frame_numbers`, recorded in a frame's journal line and compared by `finish` and `verify`."""
     return _sha256(frame_numbers(frame))

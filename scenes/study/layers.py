@@ -21,7 +21,7 @@ _EITHER = (
 
 
 def deep_merge(below: Any, own: Any) -> Any:
-    """`own` over `below`: mappings merge key by key; a spread, a list, a section of another kind replaces."""
+    """Merge `own` over `below` key by key; a distribution, a list or a section of another kind replaces."""
     if not (isinstance(below, dict) and isinstance(own, dict)) or is_spread(below) or is_spread(own):
         return own
     if "kind" in own and "kind" in below and own["kind"] != below["kind"]:
@@ -43,11 +43,11 @@ def preset_names() -> list[str]:
 
 
 def preset(name: str) -> dict[str, Any]:
-    """The keys of a preset, as a study would have them.
+    """The keys of a preset, in the form of a study.
 
     Raises
     ------
     KeyError
-        If there is none of this name.
+        If there is no preset of this name.
     """
     return dict(_presets()[name])

@@ -18,7 +18,7 @@ _MAX_HEADER_BYTES = 1_000_000
 MAX_WIDTH_PX = 16_384
 MAX_BYTES = 1_000_000_000
 
-# An equirectangular map spans 360 by 180 degrees; a pixel more or less is forgiven.
+# An equirectangular map spans 360 by 180 degrees; a deviation of one pixel is accepted.
 _ASPECT = (1.9, 2.1)
 
 
@@ -28,20 +28,20 @@ def map_sha256(folder: Path, section: MapSection) -> str:
     Returns
     -------
     str
-        Of the file; the recorded one where there is no file, as beside a dataset's own study.
+        Checksum of the file; the recorded one if there is no file, as for the study inside a dataset.
 
     Raises
     ------
     ValueError
-        If the file is missing, no map, enormous, or not the one that was recorded.
+        If the file is missing, not a map, too large, or does not match the recorded checksum.
     """
     if Path(section.file).is_absolute():
-        raise ValueError(f"{section.file} is an absolute path; name the map relative to the study")
+        raise ValueError(f"{section.file} is an absolute path; give it relative to the study")
     path = folder / section.file
     if not path.is_file():
         if section.sha256 is not None:
             return section.sha256
-        raise ValueError(f"no such file: {section.file}; put the map there, relative to the study")
+        raise ValueError(f"no such file: {section.file}; the path is relative to the study")
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -54,7 +54,7 @@ def map_sha256(folder: Path, section: MapSection) -> str:
         raise ValueError(f"{section.file}: cannot be read ({error.strerror})") from error
     if section.sha256 not in (None, digest):
         raise ValueError(
-            f"{section.file}: is not the map that was recorded (sha256 {digest[:12]}, not {section.sha256[:12]}); "
+            f"{section.file}: is not the recorded map (sha256 {digest[:12]}, not {section.sha256[:12]}); "
             "restore it, or remove sha256"
         )
     return digest
@@ -79,18 +79,18 @@ def _size_and_channels(name: str, header: bytes) -> tuple[int, int, int]:
         x0, y0, x1, y1 = struct.unpack("<4i", found["dataWindow"])
         channels, at = 0, 0
         while found["channels"][at] != 0:
-            # A name, then its type, four flags and two steps: 16 bytes.
+            # A name, then its type, four flags and two sampling steps: 16 bytes.
             at = found["channels"].index(0, at) + 17
             channels += 1
     except (IndexError, KeyError, ValueError, struct.error) as error:
-        raise ValueError(f"{name}: its header is truncated or corrupt; get the file anew") from error
+        raise ValueError(f"{name}: its header is truncated or corrupt; get the file again") from error
     return x1 - x0 + 1, y1 - y0 + 1, channels
 
 
 def _check_size(name: str, width: int, height: int, channels: int) -> None:
     if width > MAX_WIDTH_PX or 4 * width * height * channels > MAX_BYTES:
         raise ValueError(
-            f"{name}: {width} x {height} pixels of {channels} channels are too many; scale it down "
+            f"{name}: {width} x {height} pixels with {channels} channels is too large; scale it down "
             f"(at most {MAX_WIDTH_PX} wide, 1 GB decoded)"
         )
     if width < 4 or height < 2 or not _ASPECT[0] <= width / height <= _ASPECT[1]:

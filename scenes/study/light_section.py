@@ -9,14 +9,14 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.values import AnyValue, Elevation, Fraction, NonNegative, Positive, Turbidity, Turn
 
-# Relative red, green and blue of a light; only a sensor with a mosaic tells them apart.
+# Relative red, green and blue of a light; only a sensor with a mosaic distinguishes them.
 Colour = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 Place = Annotated[list[AnyValue], Field(min_length=3, max_length=3)]
 _WHITE = [1.0, 1.0, 1.0]
 
 
 class AreaLampSection(Section):
-    """A square area light; it faces the marker."""
+    """A square area light that faces the marker."""
 
     kind: Literal["area"] = Field(default="area", description="a square area light that faces the marker")
     position_m: Place = Field(description="position in the camera frame, m")
@@ -28,7 +28,7 @@ class AreaLampSection(Section):
 
 
 class PointLampSection(Section):
-    """A light without extent: irradiance at distance d is intensity cos / d^2."""
+    """A point light: irradiance at distance d is intensity cos / d^2."""
 
     kind: Literal["point"] = Field(description="a light without extent")
     position_m: Place = Field(description="position in the camera frame, m")
@@ -39,7 +39,7 @@ class PointLampSection(Section):
 
 
 class SpotLampSection(Section):
-    """A point light in a cone that faces the marker, its edge soft from `beam_deg` to `cutoff_deg`."""
+    """A spotlight that faces the marker; its intensity falls off from `beam_deg` to `cutoff_deg`."""
 
     kind: Literal["spot"] = Field(description="a point light in a cone")
     position_m: Place = Field(description="position in the camera frame, m")
@@ -54,17 +54,17 @@ class SpotLampSection(Section):
 
     @model_validator(mode="after")
     def _beam_within_cutoff(self) -> SpotLampSection:
-        # Spreads are held against each other when they are drawn.
+        # Distributions are checked when their values are drawn.
         cutoff, beam = self.cutoff_deg, self.beam_deg
         if isinstance(cutoff, float) and cutoff > 90:
-            raise ValueError("cutoff_deg is a half angle: at most 90")
+            raise ValueError("cutoff_deg is a half angle and must be at most 90")
         if isinstance(cutoff, float) and isinstance(beam, float) and beam >= cutoff:
             raise ValueError("beam_deg must be smaller than cutoff_deg")
         return self
 
 
 def _kind(raw: Any) -> str:
-    """The kind of a lamp; one that does not say is an area light."""
+    """The kind of a lamp; the default is an area light."""
     return str(raw.get("kind", "area") if isinstance(raw, dict) else getattr(raw, "kind", "area"))
 
 
@@ -121,12 +121,12 @@ class LightSection(Section):
     @model_validator(mode="after")
     def _one_environment(self) -> LightSection:
         if self.map is not None and self.sky is not None:
-            raise ValueError("give a map or a sky, not both; either takes the constant environment's place")
+            raise ValueError("give a map or a sky, not both; either replaces the constant environment")
         return self
 
 
 class OccluderSection(Section):
-    """A flat thing before the print, parallel to it: between camera and marker it hides, off their line it shades."""
+    """A flat object in front of the print, parallel to it: it hides the marker from the camera, or shades it."""
 
     shape: Literal["disc", "rectangle"] = Field(default="rectangle", description="outline of the occluder")
     x_m: AnyValue = Field(default=0.0, description="position of its centre, in the marker's frame, m")

@@ -1,4 +1,4 @@
-"""Keys of a marker: what is printed, on which paper, and the wall behind it."""
+"""Keys of a marker: the print, its paper, and the wall behind it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TagFamily = Literal["aruco_4x4_50", "aruco_5x5_100", "aruco_6x6_250", "apriltag_
 
 
 class SurfaceSection(Section):
-    """How print and paper reflect: matte, or under a gloss."""
+    """Reflection of print and paper: matte or glossy."""
 
     kind: Literal["matte", "plastic", "laminate"] = Field(
         default="matte",
@@ -24,7 +24,7 @@ class SurfaceSection(Section):
 
 
 class ClutterSection(Section):
-    """Random discs and squares on the wall, one a cell, drawn anew for each frame."""
+    """Random discs and squares on the wall, one per cell, redrawn for each frame."""
 
     cell_m: Positive = Field(description="side of a cell of the wall, m; each holds one shape")
     contrast: Fraction = Field(default=0.5, description="largest difference of a shape's reflectance from the wall's")
@@ -60,7 +60,7 @@ class DiscWithTickSection(_Print):
 
 
 class RingSection(_Print):
-    """A ring: its outer circle is the circle of record."""
+    """A ring; its outer circle is the circle of record."""
 
     kind: Literal["ring"] = Field(description="a ring")
     diameter_m: Positive = Field(description="outer diameter, m")
@@ -68,7 +68,7 @@ class RingSection(_Print):
 
 
 class RingsSection(_Print):
-    """Concentric circles of falling diameter, ink and paper by turns; the outermost is the circle of record."""
+    """Concentric circles of decreasing diameter, alternately ink and paper; the outermost is the circle of record."""
 
     kind: Literal["rings"] = Field(description="concentric rings")
     diameters_m: list[Positive] = Field(
@@ -77,10 +77,10 @@ class RingsSection(_Print):
 
 
 class CodedRingsSection(_Print):
-    """A disc in a ring, and between them rings of cells that carry a code; the outer circle is that of record.
+    """A disc in a ring, with rings of code cells between them; the outer circle is the circle of record.
 
-    The layout of simittag, whose fractions the defaults are; `code` has a string of 0 and 1 (ink) for each ring of
-    cells, from the inside, clockwise from +X for someone who reads the print.
+    The layout of simittag, whose fractions are the defaults; `code` has a string of 0 and 1 (ink) for each ring of
+    cells, from the inside, clockwise from +X as seen by a reader of the print.
     """
 
     kind: Literal["coded_rings"] = Field(description="a disc in a ring with rings of code cells between them")
@@ -97,7 +97,7 @@ class CodedRingsSection(_Print):
 
 
 class TwoDiscsSection(_Print):
-    """Two coplanar discs beside each other; each has a row of its own in the truth."""
+    """Two coplanar discs beside each other; each has its own row in the truth."""
 
     kind: Literal["two_discs"] = Field(description="two coplanar discs")
     diameter_m: Positive = Field(description="diameter of the first disc, m")
@@ -106,7 +106,7 @@ class TwoDiscsSection(_Print):
 
 
 class DotRingSection(_Print):
-    """Dots evenly on a circle; each has a row of its own in the truth, the first stands on +X."""
+    """Dots evenly spaced on a circle; each has its own row in the truth, and the first is on +X."""
 
     kind: Literal["dot_ring"] = Field(description="dots on a circle")
     diameter_m: Positive = Field(description="diameter of a dot, m")
@@ -116,7 +116,7 @@ class DotRingSection(_Print):
 
 
 class BoardKeys(Section):
-    """A chessboard by its inner corners; one count odd, one even, so that it has no symmetry."""
+    """A chessboard given by its inner corners; one count is odd and one even, so that it has no symmetry."""
 
     columns: int = Field(ge=3, le=60, description="inner corners along X")
     rows: int = Field(ge=3, le=60, description="inner corners along Y; one of columns and rows is odd, the other even")
@@ -147,7 +147,7 @@ class DiscWithChessboardSection(_Print):
 
 
 class CharucoSection(_Print):
-    """OpenCV's ChArUco board: `columns` by `rows` squares, a tag in each white one."""
+    """OpenCV's ChArUco board: `columns` by `rows` squares, with a tag in each white square."""
 
     kind: Literal["charuco"] = Field(description="OpenCV's ChArUco board")
     columns: int = Field(ge=2, le=60, description="squares along X")

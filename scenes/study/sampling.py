@@ -1,7 +1,7 @@
-"""Sampling: the number that each frame draws for each distribution of a study.
+"""Sampling: the value that each frame draws for each distribution of a study.
 
-Grids are walked cell by cell. All other spreads of a group are the dimensions of one scrambled Halton sequence, so
-that even a few frames fill every degree of freedom evenly (Halton 1960; scrambling by Owen 2017, as in
+Grids are enumerated cell by cell. All other distributions of a group are dimensions of one scrambled Halton sequence,
+so that even a few frames fill every degree of freedom evenly (Halton 1960; scrambling by Owen 2017, as in
 `scipy.stats.qmc.Halton`). Frame j of a group is point j of its sequence: it depends on nothing else.
 """
 
@@ -35,7 +35,9 @@ def frames_per_level(group: GroupSection) -> int:
         return cells * group.frames_per_cell
     assert group.frames is not None
     if group.frames % cells:
-        raise ValueError(f"{group.frames} frames do not divide over {cells} cells; give a multiple, or frames_per_cell")
+        raise ValueError(
+            f"{group.frames} frames is not a multiple of the {cells} grid cells; give a multiple, or frames_per_cell"
+        )
     return group.frames
 
 
@@ -45,13 +47,13 @@ def frame_count(group: GroupSection) -> int:
 
 
 def stream(seed: int, group: str, *purpose: int) -> np.random.SeedSequence:
-    """The seed of one purpose in one group: a function of its arguments alone."""
+    """The seed for one purpose in one group: a function of its arguments only."""
     return np.random.SeedSequence([seed, zlib.crc32(group.encode()), *purpose])
 
 
 @lru_cache(maxsize=256)
 def _points(dimensions: int, seed: int, group: str, block: int) -> Any:
-    """256 consecutive points of the group's sequence; any block costs the same."""
+    """256 consecutive points of the group's sequence; every block has the same cost."""
     from scipy.stats import qmc
 
     engine = qmc.Halton(dimensions, scramble=True, rng=np.random.default_rng(stream(seed, group, 0)))
@@ -61,12 +63,12 @@ def _points(dimensions: int, seed: int, group: str, block: int) -> Any:
 
 
 def draw(group: GroupSection, seed: int, name: str, index: int) -> dict[Key, float]:
-    """The value of every spread for frame `index` of a group (within its level of a sweep)."""
+    """The value of every distribution for frame `index` of a group (within its level of a sweep)."""
     spreads = group.spreads
     cell = index // (frames_per_level(group) // cells_of(group))
     values: dict[Key, float] = {}
     free = [(key, spread) for key, spread in spreads if spread.kind != "grid"]
-    # The last grid turns fastest.
+    # The last grid varies fastest.
     for key, spread in reversed([(k, s) for k, s in spreads if s.kind == "grid"]):
         cell, position = divmod(cell, len(spread.args))
         values[key] = spread.args[position]

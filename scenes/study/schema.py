@@ -1,6 +1,6 @@
 """Keys of a study as strict pydantic models.
 
-A group's section is what all groups share, with the group's own keys laid over it; `scenes.study` does the merging.
+A group's section consists of the keys shared by all groups, overridden by its own; `scenes.study` merges them.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from roundel.scenes.study.world_section import WORLDS, WorldSection
 
 SCHEMA_VERSION = 1
 
-# With fewer, OpenCV's calibration of a plane is not determined.
+# With fewer views, OpenCV's planar calibration is underdetermined.
 MIN_CALIBRATION_VIEWS = 3
 
 Key = tuple[str | int, ...]
 
 
 class PoseSection(Section):
-    """Where the marker stands; exactly one of the two distances."""
+    """Pose of the marker; exactly one of the two distances is given."""
 
     distance_D: Positive | None = Field(
         default=None,
@@ -64,7 +64,7 @@ class PoseSection(Section):
 
 
 class RenderSection(Section):
-    """Rays: `samples` a pixel where the image is smooth, up to `band_samples` where it has structure."""
+    """Rays: `samples` per pixel where the image is smooth, up to `band_samples` where it has structure."""
 
     samples: int = Field(
         default=8, ge=8, le=65_536, multiple_of=8, description="rays per pixel where the image is smooth"
@@ -87,7 +87,7 @@ class RenderSection(Section):
 
 
 class PointsSection(Section):
-    """Points mode: noisy points of the true contour instead of images."""
+    """Points mode: noisy points on the true contour instead of images."""
 
     count: Literal["perimeter"] | Annotated[int, Field(ge=6, le=100_000)] = Field(
         default="perimeter", description="number of points, or one for each pixel of the contour's perimeter"
@@ -96,7 +96,7 @@ class PointsSection(Section):
 
 
 class SweepSection(Section):
-    """The same frames again at each level of one key, such as `sensor.read_noise_e`."""
+    """Repeats the same frames at each level of one key, such as `sensor.read_noise_e`."""
 
     key: str = Field(description="key that is swept, such as sensor.read_noise_e")
     levels: list[float] = Field(
@@ -105,7 +105,7 @@ class SweepSection(Section):
 
 
 class GroupSection(Section):
-    """One group of frames: what all groups share with the group's own keys laid over it."""
+    """One group of frames: the shared keys, overridden by the group's own."""
 
     mode: Literal["images", "points"] = Field(
         default="images", description="rendered images, or noisy points of the true contour"
@@ -132,7 +132,7 @@ class GroupSection(Section):
 
     @cached_property
     def spreads(self) -> list[tuple[Key, Spread]]:
-        """Every spread with its place, in the order of the schema; kept, as each frame asks for it."""
+        """Every distribution with its location, in the order of the schema; cached, because each frame needs it."""
         found: list[tuple[Key, Spread]] = []
 
         def walk(node: Any, where: Key) -> None:
@@ -167,7 +167,7 @@ class GroupSection(Section):
 
 
 class SolveSection(Section):
-    """What `roundel run` asks of the solver."""
+    """Settings of the solver for `roundel run`."""
 
     groups: list[str] | None = Field(default=None, description="groups to solve; default: all with circular markers")
     methods: list[str] = Field(default=["pixels"], min_length=1, description="methods, as `roundel solve --method`")
@@ -194,7 +194,7 @@ class SolveSection(Section):
 
 
 class ValidateSection(Section):
-    """What `roundel run` asks of the validator."""
+    """Settings of the validator for `roundel run`."""
 
     reprojection_extent_D: Positive = Field(
         default=3.0, description="half side of the reprojection grid, in marker diameters"
@@ -202,7 +202,7 @@ class ValidateSection(Section):
 
 
 class Head(Section):
-    """The keys that stand once in a study."""
+    """The keys that occur once in a study."""
 
     schema_: int = Field(
         alias="schema", ge=SCHEMA_VERSION, le=SCHEMA_VERSION, description="version of the study format, 1"
@@ -217,13 +217,13 @@ class Head(Section):
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON Schema of a study file (a group's keys may stand at the top, in a group, or be shared by both)."""
+    """The JSON Schema of a study file (a group's keys may be at the top level, in a group, or in both)."""
     group = GroupSection.model_json_schema(ref_template="#/$defs/{model}")
     head = Head.model_json_schema(by_alias=True, ref_template="#/$defs/{model}")
     definitions = {**group.pop("$defs", {}), **head.pop("$defs", {})}
     properties = group["properties"]
 
-    # What is required of the merged section may be missing in each of the two places it is merged from.
+    # Keys that the merged section requires may be missing at either of the two levels.
     def relaxed(schema: dict[str, Any]) -> dict[str, Any]:
         return {k: v for k, v in schema.items() if k != "required"}
 

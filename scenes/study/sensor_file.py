@@ -1,7 +1,7 @@
 """A `sensor:` section from its own file, applied to every group of a study.
 
-Only what happens behind the filters can change: gain, noise, exposure, bits, colours, the file. What decides the rays
-(fill factor, mosaic), and what frames there are (grids, a sweep), stays.
+Only processing after the colour filters can change: gain, noise, exposure, bits, colours, the file. Keys that determine
+the rays (fill factor, mosaic) or the set of frames (grids, a sweep) cannot.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ _EXPOSURES = ("exposure_e", "exposure_ph")
 
 
 def study_with_sensor(study: Study, path: str | Path) -> Study:
-    """The study with the keys of a file laid over the sensor of each of its groups.
+    """The study with the keys of a file overriding the sensor of each of its groups.
 
     Parameters
     ----------
     study : Study
     path : path
-        YAML: the keys of a `sensor:` section, with or without that word on top. `null` takes a key's default back.
+        YAML: the keys of a `sensor:` section, with or without the `sensor:` key. `null` restores a key's default.
 
     Raises
     ------
     StudyError
-        With the place in the file: what is no sensor, and what cannot change without rendering.
+        If the file is not a sensor, or changes what needs rendering; with the position in the file.
     """
     path = Path(path)
     raw, marks = _keys_of(path)
@@ -46,13 +46,13 @@ def study_with_sensor(study: Study, path: str | Path) -> Study:
         merged = {**{k: v for k, v in base.items() if k not in raw}, **own}
         fixed = [key for key in _EXPOSURES if raw.get(key) is not None]
         if fixed:
-            # A new exposure in electrons replaces one in photons, and the other way round.
+            # A new exposure in electrons replaces one in photons, and vice versa.
             merged = {k: v for k, v in merged.items() if k not in _EXPOSURES or k in fixed}
         elif raw.get("white_level") is not None and any(key in merged for key in _EXPOSURES):
             raise _error(path, marks, "white_level", f"group {name} has a fixed exposure; add {_null_of(merged)}")
         sensor: SensorSection = validated(SensorSection, merged, path, marks, None)
         _check(path, marks, raw, name, group, sensor)
-        # Read anew rather than copied: a copy would drag along what the section keeps for itself.
+        # Validate again rather than copy: a copy would keep the section's cached values.
         groups[name] = GroupSection.model_validate(
             {**group.model_dump(exclude_none=True), "sensor": sensor.model_dump(exclude_none=True)}
         )
@@ -64,7 +64,7 @@ def _keys_of(path: Path) -> tuple[dict[str, Any], Marks]:
     if isinstance(raw, dict) and list(raw) == ["sensor"]:
         raw, marks = raw["sensor"], {where[1:]: place for where, place in marks.items() if where[:1] == ("sensor",)}
     if not isinstance(raw, dict):
-        raise StudyError("this is to be a mapping of the keys of a `sensor:` section", path, *marks.get((), (1, 1)))
+        raise StudyError("expected a mapping with the keys of a `sensor:` section", path, *marks.get((), (1, 1)))
     return raw, marks
 
 
@@ -79,14 +79,14 @@ def _null_of(merged: dict[str, Any]) -> str:
 def _check(
     path: Path, marks: Marks, raw: dict[str, Any], name: str, group: GroupSection, sensor: SensorSection
 ) -> None:
-    """Refuse what would need other rays, or other frames, than those that are there."""
+    """Refuse keys that would need different rays or different frames."""
     for key in RAY_KEYS:
         if getattr(sensor, key) != getattr(group.sensor, key):
             raise _error(
                 path,
                 marks,
                 key,
-                f"decides which rays are traced; render group {name} again to change it, or leave it out",
+                f"determines which rays are traced; render group {name} again to change it, or leave it out",
             )
     for key in raw:
         old, new = getattr(group.sensor, key), getattr(sensor, key)
@@ -95,7 +95,7 @@ def _check(
                 path,
                 marks,
                 key,
-                f"a grid decides how many frames there are in group {name}; use another kind of spread",
+                f"a grid determines the number of frames in group {name}; use another distribution",
             )
         if group.sweep is not None and group.sweep.key.split(".")[:2] == ["sensor", key]:
-            raise _error(path, marks, key, f"is swept in group {name}, and its levels would win; leave it out")
+            raise _error(path, marks, key, f"is swept in group {name}, and the levels would override it; leave it out")

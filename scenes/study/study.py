@@ -1,7 +1,7 @@
 """A study: what is rendered, solved and validated, read from YAML into checked sections.
 
-`load_study` is the only door: whatever it returns is complete, finite and consistent, and whatever it refuses it
-refuses in one line with the place in the file.
+`load_study` is the only entry point: whatever it returns is complete, finite and consistent. An invalid study raises a
+one-line error with the position in the file.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _HEAD = ("schema", "name", "seed", "licence", "solve", "validate")
 
 @dataclass(frozen=True)
 class Study:
-    """A study, resolved: every group complete, every default filled in."""
+    """A resolved study: every group is complete, with all defaults filled in."""
 
     path: Path
     name: str
@@ -66,7 +66,7 @@ class Study:
     marks: Marks
 
     def resolved(self) -> dict[str, Any]:
-        """The study as plain values, with every default: what `study.yaml` of a dataset holds."""
+        """The study as plain values with all defaults, as in `study.yaml` of a dataset."""
         return {
             "schema": SCHEMA_VERSION,
             "name": self.name,
@@ -78,17 +78,17 @@ class Study:
         }
 
     def digest(self) -> str:
-        """The dataset_id: sha256 of all that decides the frames; see `scenes.identity`."""
+        """The dataset_id: sha256 of everything that determines the frames; see `scenes.study.identity`."""
         return study_digest(self)
 
     def error(self, message: str, group: str, *keys: str) -> StudyError:
-        """A StudyError at the place where a group's key stands (or the nearest place above it)."""
+        """A StudyError at the position of a group's key (or of its nearest parent)."""
         line, column = _place(self.marks, group, keys)
         return StudyError(message, self.path, line, column)
 
 
 def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tuple[int, int]:
-    """Where a key stands: in the group if it is there, else in the shared part, else its nearest parent."""
+    """Position of a key: in the group if it is there, else in the shared part, else its nearest parent."""
     for cut in range(len(keys), -1, -1):
         tail = keys[:cut]
         if group is not None and tail and ("groups", group, *tail) in marks:
@@ -98,19 +98,19 @@ def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tupl
     return marks.get(("groups", group) if group is not None else (), (1, 1))
 
 
-# Where one of several sections may stand, told apart by its `kind`; the tag then stands in pydantic's places, too.
+# Unions of sections are discriminated by `kind`; pydantic then adds the tag to its error locations.
 _KINDS: dict[str, dict[str, type[Section]]] = {"marker": MARKERS, "lamps": LAMPS}
 
 
 def _models_of(annotation: Any) -> list[type[BaseModel]]:
-    """The sections within an annotation such as `list[Section] | None`."""
+    """The sections in an annotation such as `list[Section] | None`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in getattr(annotation, "__args__", ()) for model in _models_of(inner)]
 
 
 def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
-    """The keys that a section at `location` knows, for suggestions."""
+    """The valid keys of the section at `location`, for suggestions."""
     known: type[BaseModel] | None = model
     kinds: dict[str, type[Section]] = {}
     for part in location:
@@ -128,7 +128,7 @@ def _keys_at(model: type[BaseModel], location: tuple[Any, ...]) -> list[str]:
 
 
 def _nearest(word: str, known: list[str]) -> str:
-    hint = did_you_mean(word, known) or (f"known here: {', '.join(sorted(known))}" if known else "")
+    hint = did_you_mean(word, known) or (f"use one of {', '.join(sorted(known))}" if known else "")
     return f"; {hint}" if hint else ""
 
 
@@ -147,12 +147,12 @@ def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(kept)
 
 
-# What pydantic would say in terms of Python's types.
+# Replacements for pydantic's messages, which name Python types.
 _EXPECTED = {
     "model_type": "a mapping of keys",
     "dict_type": "a mapping of keys",
     "list_type": "a list, as in [a, b]",
-    "string_type": "a text",
+    "string_type": "a string",
     "bool_type": "true or false",
     "bool_parsing": "true or false",
     "int_type": "a whole number",
@@ -162,7 +162,7 @@ _EXPECTED = {
 
 
 def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]:
-    """One pydantic error as (message, place in the section)."""
+    """One pydantic error as (message, location in the section)."""
     raw = error["loc"]
     location = _in_file(raw)
     kinds = list(next((_KINDS[p] for p in reversed(location) if p in _KINDS), {}))
@@ -171,21 +171,21 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
     if error["type"] == "extra_forbidden":
         return f"{dotted}: unknown key{_nearest(str(location[-1]), _keys_at(model, raw[:-1]))}", location
     if error["type"] == "missing":
-        return f"{dotted}: this key is missing; add it", location
+        return f"{dotted}: required key is missing; add it", location
     if error["type"] == "union_tag_invalid":
         return f"{dotted}.kind: unknown kind {context.get('tag')!r}{_nearest(str(context.get('tag')), kinds)}", (
             *location,
             "kind",
         )
     if error["type"] == "union_tag_not_found":
-        return f"{dotted}.kind: this key is missing; one of {', '.join(kinds)}", location
+        return f"{dotted}.kind: required key is missing; one of {', '.join(kinds)}", location
     text = str(context["error"]) if "error" in context else error["msg"][0].lower() + error["msg"][1:]
     given = error.get("input")
     if error["type"] in _EXPECTED:
         text = f"give {_EXPECTED[error['type']]}"
         if error["type"] == "string_type" and isinstance(given, bool):
             return (
-                f'{dotted}: YAML reads this word as a truth value; put it in quotes: "{str(given).lower()}"',
+                f'{dotted}: YAML reads this word as a boolean; put it in quotes: "{str(given).lower()}"',
                 location,
             )
     shown = f", not {given!r}" if "error" not in context and isinstance(given, str | int | float | bool | None) else ""
@@ -197,7 +197,7 @@ def validated(model: type[Any], raw: dict[str, Any], path: Path, marks: Marks, g
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        # The first error in the file's own order reads best; the others often follow from it.
+        # Report the first error in file order; the others often follow from it.
         found = [_sentence(e, model) for e in error.errors(include_url=False)]
         placed = sorted((_place(marks, group, location), message) for message, location in found)
         (line, column), message = placed[0]
@@ -238,7 +238,7 @@ def load_study(path: str | Path) -> Study:
     for name, section in own.items():
         place = marks.get(("groups", name), (1, 1))
         if not name.replace("_", "").replace("-", "").isalnum():
-            raise StudyError(f"groups.{name}: a group's name has letters, digits, - and _ only", path, *place)
+            raise StudyError(f"groups.{name}: a group name may contain only letters, digits, - and _", path, *place)
         if not isinstance(section, dict):
             raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
         named = section.get("preset", shared.get("preset"))
@@ -255,12 +255,12 @@ def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:
     if name is None:
         return {}
     if name not in preset_names():
-        raise StudyError(f"preset: no preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
+        raise StudyError(f"preset: unknown preset {name!r}{_nearest(str(name), preset_names())}", path, *place)
     return preset(name)
 
 
 def _with_checksums(study: Study) -> Study:
-    """The study with the sha256 of each map it names, so that its digest is of their pixels, too."""
+    """The study with the sha256 of each map it names, so that its digest covers their pixels, too."""
     groups = {}
     for name, group in study.groups.items():
         groups[name] = group
@@ -303,8 +303,8 @@ def _check_references(study: Study) -> None:
         try:
             there = frame_count(study.groups[source])
         except ValueError:
-            # Frames that do not divide over the cells: whoever counts them says so, at their own place.
+            # Frames that are not a multiple of the cells are reported elsewhere, at their own position.
             continue
         if views is not None and views > there:
-            message = f"solve.intrinsics: `{label}` wants {views} views, and group {source!r} has {there}"
+            message = f"solve.intrinsics: `{label}` needs {views} views, but group {source!r} has {there}"
             raise fail(message, "solve", "intrinsics")

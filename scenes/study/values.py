@@ -4,7 +4,7 @@ focal_px: 1280                     a constant
 tilt_deg: {grid: [15, 30, 45]}     every combination of all grids is a cell
 azimuth_deg: {uniform: [-180, 180]}
 distance_D: {loguniform: [5, 50]}
-focus_m: {normal: [1.0, 0.1]}      mean and sigma, cut at 4 sigma
+focus_m: {normal: [1.0, 0.1]}      mean and sigma, truncated at 4 sigma
 f_number: {choice: [1.8, 2.8, 4]}
 """
 
@@ -20,7 +20,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 KINDS = ("grid", "choice", "uniform", "loguniform", "normal")
 
-# A normal draw is cut here: 6e-5 of the mass, and a bound that a reader of the study can check.
+# A normal distribution is truncated here: 6e-5 of the mass, and a bound that a reader of the study can check.
 NORMAL_CUT_SIGMAS = 4.0
 
 
@@ -39,7 +39,7 @@ class Spread:
         return min(self.args), max(self.args)
 
     def draw(self, u: float) -> float:
-        """The value at quantile u in [0, 1); a grid has no quantile (it is walked)."""
+        """The value at quantile u in [0, 1); a grid has no quantile (it is enumerated)."""
         if self.kind == "choice":
             return self.args[min(int(u * len(self.args)), len(self.args) - 1)]
         low, high = self.args
@@ -59,7 +59,7 @@ Value = float | Spread
 
 
 def is_spread(raw: Any) -> bool:
-    """Whether a raw YAML value is a spread rather than a mapping of keys."""
+    """Whether a raw YAML value is a distribution rather than a mapping of keys."""
     return isinstance(raw, dict) and len(raw) == 1 and next(iter(raw)) in KINDS
 
 
@@ -72,13 +72,13 @@ def _number(raw: Any) -> float:
 
 
 def parse_value(raw: Any) -> Value:
-    """Read a raw YAML value: a number, or a mapping with one of the five kinds of spread."""
+    """Read a raw YAML value: a number, or a mapping with one of the five kinds of distribution."""
     if isinstance(raw, Spread):
         return raw
     if not isinstance(raw, dict):
         return _number(raw)
     if len(raw) != 1 or next(iter(raw)) not in KINDS:
-        raise ValueError(f"a spread is one of {', '.join(KINDS)}, as in {{uniform: [1, 2]}}")
+        raise ValueError(f"a distribution is one of {', '.join(KINDS)}, as in {{uniform: [1, 2]}}")
     kind, args = next(iter(raw.items()))
     if not isinstance(args, list | tuple) or not args:
         raise ValueError(f"{kind} takes a list of numbers")
@@ -145,13 +145,13 @@ def _value_type(check: Callable[[Any], Value]) -> Any:
 AnyValue = _value_type(parse_value)
 Positive = _value_type(_bounded(0.0, math.inf, True, "it must be positive"))
 NonNegative = _value_type(_bounded(0.0, math.inf, False, "it must not be negative"))
-Fraction = _value_type(_bounded(0.0, 1.0, False, "it must lie in 0 to 1"))
-Tilt = _value_type(_bounded(0.0, 85.0, False, "a tilt lies in 0 to 85 degrees"))
-Turn = _value_type(_bounded(-360.0, 360.0, False, "an angle lies in -360 to 360 degrees"))
-Quality = _value_type(_bounded(1.0, 100.0, False, "a JPEG quality lies in 1 to 100"))
-# Lower, the sky model's colours leave those that red, green and blue can mix.
-Elevation = _value_type(_bounded(5.0, 90.0, False, "an elevation lies in 5 to 90 degrees"))
-Turbidity = _value_type(_bounded(1.0, 10.0, False, "a turbidity lies in 1 (clear) to 10 (haze)"))
-Roughness = _value_type(_bounded(0.01, 1.0, False, "a roughness lies in 0.01 (a mirror) to 1 (matte)"))
-Index = _value_type(_bounded(1.05, 4.0, False, "a refractive index lies in 1.05 to 4"))
+Fraction = _value_type(_bounded(0.0, 1.0, False, "it must be between 0 and 1"))
+Tilt = _value_type(_bounded(0.0, 85.0, False, "a tilt must be between 0 and 85 degrees"))
+Turn = _value_type(_bounded(-360.0, 360.0, False, "an angle must be between -360 and 360 degrees"))
+Quality = _value_type(_bounded(1.0, 100.0, False, "a JPEG quality must be between 1 and 100"))
+# Below this, the sky model's colours are outside the RGB gamut.
+Elevation = _value_type(_bounded(5.0, 90.0, False, "an elevation must be between 5 and 90 degrees"))
+Turbidity = _value_type(_bounded(1.0, 10.0, False, "a turbidity must be between 1 (clear) and 10 (haze)"))
+Roughness = _value_type(_bounded(0.01, 1.0, False, "a roughness must be between 0.01 (a mirror) and 1 (matte)"))
+Index = _value_type(_bounded(1.05, 4.0, False, "a refractive index must be between 1.05 and 4"))
 Share = _value_type(_bounded(0.0, 1.0, True, "it must be positive and at most 1"))

@@ -1,7 +1,7 @@
 """YAML 1.2 scalars with the line and column of every value.
 
-PyYAML reads the syntax; the scalars are resolved here by the core schema of YAML 1.2.2 (section 10.3), so that
-`1e-3` is a number and `no` is a word. Aliases, tags and duplicate keys are refused; size and depth are capped.
+PyYAML parses the syntax; this module resolves scalars by the core schema of YAML 1.2.2 (section 10.3), so that `1e-3`
+is a number and `no` is a string. Aliases, tags and duplicate keys are refused; size and depth are limited.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _WORDS = {
 def _scalar(text: str) -> Any:
     if text in _WORDS:
         return _WORDS[text]
-    # Very long digit strings are no numbers a study means; int() would take quadratic time over them.
+    # Very long digit strings are not valid numbers of a study, and int() takes quadratic time for them.
     if len(text) <= 64:
         if _INT.match(text):
             return int(text)
@@ -68,10 +68,10 @@ class _Reader:
         out: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise self.fail("a key must be a plain word", key_node)
+                raise self.fail("a key must be a scalar", key_node)
             key = key_node.value
             if key in out:
-                raise self.fail(f"{key}: this key stands here twice; keep one", key_node)
+                raise self.fail(f"{key}: duplicate key; keep one", key_node)
             self.marks[(*where, key)] = (key_node.start_mark.line + 1, key_node.start_mark.column + 1)
             out[key] = self.value(value_node, (*where, key))
         return out
@@ -83,9 +83,9 @@ def _check_events(text: str, path: Path) -> None:
         mark: Any = event.start_mark
         line, column = mark.line + 1, mark.column + 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise StudyError("anchors and aliases are not read; write the value out", path, line, column)
+            raise StudyError("anchors and aliases are not supported; write the value out", path, line, column)
         if tag := getattr(event, "tag", None):
-            raise StudyError(f"the tag {tag} is not read; remove it", path, line, column)
+            raise StudyError(f"the tag {tag} is not supported; remove it", path, line, column)
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_DEPTH:
@@ -95,7 +95,7 @@ def _check_events(text: str, path: Path) -> None:
 
 
 def read_yaml(path: str | Path) -> tuple[Any, Marks]:
-    """Read a YAML file into plain values, with the place of each.
+    """Read a YAML file into plain values, with the position of each.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def read_yaml(path: str | Path) -> tuple[Any, Marks]:
     Raises
     ------
     StudyError
-        On anything that is not readable, with its place.
+        If anything cannot be read; with its position.
     """
     path = Path(path)
     try:
@@ -118,7 +118,7 @@ def read_yaml(path: str | Path) -> tuple[Any, Marks]:
     except OSError as error:
         raise StudyError(f"cannot read the study: {error.strerror}", path) from error
     if len(data) > MAX_BYTES:
-        raise StudyError(f"larger than {MAX_BYTES} bytes; a study is a page of text", path)
+        raise StudyError(f"larger than {MAX_BYTES} bytes, the limit for a study", path)
     try:
         text = data.decode("utf-8-sig")
         _check_events(text, path)

@@ -10,12 +10,12 @@ from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ell
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.world.frame import Frame
 
-# Arc length is tabulated on this many chords: its error is below 1e-5 of the perimeter.
+# Number of chords of the arc-length table: its error is below 1e-5 of the perimeter.
 _TABLE = 4096
 
 
 def _evenly_spaced(ellipse: NDArray[np.float64], count: int, phase: float) -> NDArray[np.float64]:
-    """`count` points evenly spaced along the ellipse, as the pixels of a contour are; `phase` in [0, 1) of a step."""
+    """`count` points evenly spaced along the ellipse, like the pixels of a contour; `phase` in [0, 1) of a step."""
     table = ellipse_points(ellipse, _TABLE)
     closed = np.concatenate([table, table[:1]])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
@@ -31,7 +31,7 @@ def _evenly_spaced(ellipse: NDArray[np.float64], count: int, phase: float) -> ND
 def edge_points_of(frame: Frame, part: Part) -> NDArray[np.float64]:
     """Noisy edge points (N, 2) of one circle, in image pixels.
 
-    N is the perimeter in pixels or the study's count; the noise is isotropic and Gaussian, `sigma_px` a coordinate.
+    N is the perimeter in pixels or the study's count; the noise is isotropic, Gaussian, `sigma_px` per coordinate.
     """
     assert part.radius_m is not None
     settings = frame.settings.points

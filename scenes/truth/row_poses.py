@@ -1,4 +1,4 @@
-"""Rolling shutter: the pose for each sensor row on which a marker is imaged."""
+"""Rolling shutter: the pose for each sensor row that images a marker."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OUTLINE_POINTS = 256
 def row_poses_of(frame: Frame, part: Part) -> list[dict[str, Any]]:
     """One row of `rows.parquet` for each image row that a part's outline reaches; none without a rolling shutter.
 
-    `time_s` is the row's mid-exposure after that of the part's own centre row, to which the pose of record belongs.
+    `time_s` is the row's mid-exposure relative to that of the part's centre row, the time of the pose of record.
     """
     motion = frame.motion
     if not motion.moves or motion.row_s == 0:

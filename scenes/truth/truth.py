@@ -1,7 +1,7 @@
 """The exact truth of a frame, in float64: one row for each marker.
 
-Names, frames and units are those of `docs/dataset-format.md`. What depends on the developed image (contrast and noise
-at the edge) is added when the frame is finished.
+Names, frames and units are those of `docs/dataset-format.md`. Values that depend on the developed image (contrast and
+noise at the edge) are added when the frame is finished.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def defocus_radius_px(camera: Camera, depth_m: float) -> float:
 
 
 def edge_blur_px(frame: Frame, part: Part) -> float:
-    """Standard deviation along one axis, in pixels, of the blur of a part's centre, its axes averaged.
+    """Standard deviation along one axis, in pixels, of the blur at a part's centre, averaged over both axes.
 
     Variances add: the pixel's own area (side^2 / 12), the lens (radius^2 / 4 for a round aperture, radius^2 (2 +
     cos(2 pi / n)) / 12 for n blades), the declared Airy pattern, and motion along a line (length^2 / 12, half of it
@@ -54,9 +54,9 @@ def _inside_image(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) -> float:
-    """Fraction of the part's area inside the image and behind nothing, over 4,096 points of equal area.
+    """Fraction of the part's area inside the image and not occluded, over 4,096 points of equal area.
 
-    1 if its contour is whole and nothing stands before the print.
+    1 if its whole contour is in the image and nothing is in front of the print.
     """
     plates = plates_of(frame.settings, frame.camera_from_sheet)
     whole = bool(_inside_image(frame.camera, contour).all())
@@ -71,7 +71,7 @@ def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) ->
         w, h = part.half_size_m()
         x, y = w * (2 * u - 1), h * (2 * v - 1)
     flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    # The sheet as it stands at mid-exposure of the part's own centre.
+    # The sheet at mid-exposure of the part's own centre.
     pose = pose_at(frame.motion, frame.camera_from_sheet, np.array(frame.part_time_s(part)))
     points = flat + np.array([part.x_m, part.y_m, 0.0])
     seen = ~hidden(plates, pose, points)
@@ -100,7 +100,7 @@ def _circle_truth(camera: Camera, pose: NDArray[np.float64], radius_m: float) ->
     }
 
 
-# What a board has no value for.
+# Columns that do not apply to a board.
 _NO_CIRCLE: dict[str, Any] = {
     **{f"conic_{i}{j}": None for i, j in _UPPER},
     **dict.fromkeys(("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")),

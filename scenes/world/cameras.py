@@ -11,14 +11,14 @@ from roundel.scenes.study.camera_section import CameraSection, MotionSection
 
 
 def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
-    """The camera that a section with all spreads drawn describes."""
+    """The camera described by a section with all values drawn."""
     focus_m = section.focus_m if section.focus_m is not None else float("inf")
     focal_px: float
     focal_mm, pitch_um = section.focal_mm, section.pixel_pitch_um
     if focal_mm is not None and pitch_um is not None:
         focal_px = focal_at_focus_px(focal_mm, focus_m, pitch_um)
     else:
-        assert section.focal_px is not None  # the schema wants one or the other
+        assert section.focal_px is not None  # the schema requires one or the other
         focal_px = section.focal_px
     cx, cy = principal_point_at_centre(section.width_px, section.height_px)
     cx = section.principal_point_x_px if section.principal_point_x_px is not None else cx
@@ -30,7 +30,7 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
         aperture_m = section.aperture_mm * 1e-3 / 2
     if section.diffraction and aperture_m == 0:
         raise ValueError("diffraction: an aperture of 0 lets no light through; give aperture_mm or f_number")
-    # A phone writes whole millimetres, by the diagonal.
+    # Phones write whole millimetres, based on the diagonal.
     diagonal_px = float(np.hypot(section.width_px, section.height_px))
     written = float(max(1, round(focal_px * FILM_DIAGONAL_MM / diagonal_px)))
     return Camera(
@@ -53,17 +53,17 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
 
 
 def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> Motion:
-    """The motion that a section with all spreads drawn describes.
+    """The motion described by a section with all values drawn.
 
     Raises
     ------
     ValueError
-        If the exposure is longer than the frame.
+        If the exposure is longer than the frame time.
     """
     if section.exposure_s > section.frame_s:
         raise ValueError(
-            f"exposure_s: {section.exposure_s:g} s is longer than the frame, {section.frame_s:g} s; expose shorter, or "
-            "give a longer frame_s"
+            f"exposure_s: {section.exposure_s:g} s exceeds the frame time of {section.frame_s:g} s; reduce it, or "
+            "increase frame_s"
         )
     twists = [
         np.array([*twist.velocity_m_s, *np.radians(np.array(twist.rate_deg_s, dtype=np.float64))], dtype=np.float64)

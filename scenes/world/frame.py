@@ -1,4 +1,4 @@
-"""Frame i of a study, a pure function of (study, i): every number drawn, every object placed."""
+"""Frame i of a study, a pure function of (study, i): all values drawn, all objects placed."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
 from roundel.scenes.world.sheets import sheet_of
 
-# Makes the error of a frame: a message, then the key where it stands in the study.
+# Makes the error of a frame from a message and the key path in the study.
 Fail = Callable[..., StudyError]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame: everything that rendering and truth need, all of it decided.
+    """One frame: everything that rendering and truth need, with all values drawn.
 
-    `settings` is the group's section with every spread replaced by the frame's number; `camera_from_sheet` is the pose
-    at time 0 of `motion`; files that the study names are relative to `folder`. `sensor_seed` is one for a group: the
-    pattern of its pixels does not change from frame to frame. `drawn` has what the frame drew, by dotted key.
+    `settings` is the group's section with every distribution replaced by the frame's value; `camera_from_sheet` is the
+    pose at time 0 of `motion`; files named by the study are relative to `folder`. `sensor_seed` is the same for a whole
+    group: the pixels' fixed pattern does not change between frames. `drawn` has the drawn values, by dotted key.
     """
 
     frame_id: int
@@ -64,19 +64,19 @@ class Frame:
     surroundings: Surroundings | None = None
 
     def part_time_s(self, part: Part) -> float:
-        """Mid-exposure of the row where the part's centre is imaged, in seconds after the first part's."""
+        """Mid-exposure of the row that images the part's centre, in seconds after that of the first part."""
         _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
         return float(time[0])
 
     def camera_from_part(self, part: Part, after_s: float = 0.0) -> NDArray[np.float64]:
-        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or a time after."""
+        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or later."""
         pose = pose_at(self.motion, self.camera_from_sheet, np.array(self.part_time_s(part) + after_s))
         pose[:3, 3] = transform_points(pose, [part.x_m, part.y_m, 0.0])
         return pose
 
 
 def total_frames(study: Study) -> int:
-    """Number of frames of a study, over all groups."""
+    """Total number of frames of a study, over all groups."""
     return sum(_count(study, name) for name in study.groups)
 
 
@@ -88,7 +88,7 @@ def _count(study: Study, name: str) -> int:
 
 
 def group_ranges(study: Study) -> dict[str, range]:
-    """Frame ids of each group: groups follow one another in the order of the study."""
+    """Frame ids of each group; groups are numbered in the order of the study."""
     ranges, start = {}, 0
     for name in study.groups:
         ranges[name] = range(start, start + _count(study, name))
@@ -97,10 +97,10 @@ def group_ranges(study: Study) -> dict[str, range]:
 
 
 def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
-    """A group's section with the numbers of one frame in the place of its spreads, and these numbers by dotted key."""
+    """A group's section with distributions replaced by the values of one frame, and these values by dotted key."""
     group = study.groups[name]
     raw = group.model_dump(exclude_none=True)
-    # Once drawn, a section has no grids left to tell how many frames a level has.
+    # Count first: a drawn section has no grids left that determine the number of frames per level.
     raw.pop("frames_per_cell", None)
     raw["frames"] = frames_per_level(group)
 
@@ -123,7 +123,7 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[Gr
     except StudyError as error:
         message = f"{error.reason} (frame {index} of group {name})"
         if group.sweep is not None and error.reason.startswith(f"{group.sweep.key}:"):
-            # The value that is wrong stands nowhere in the file but in the sweep.
+            # The wrong value occurs in the file only in the sweep.
             raise study.error(f"sweep: {message}", name, "sweep", "key") from error
         raise StudyError(message, error.path, error.line, error.column) from error
     return drawn, {".".join(str(part) for part in key): value for key, value in numbers.items()}
@@ -135,7 +135,7 @@ def frame_of(study: Study, frame_id: int) -> Frame:
     Raises
     ------
     StudyError
-        If the frame cannot be: a marker behind the camera or outside the image, a focus inside the lens.
+        If the frame is impossible: a marker behind the camera or outside the image, a focus inside the focal length.
     IndexError
         If the study has no such frame.
     """
@@ -162,7 +162,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
     camera = _camera(settings, fail)
-    # The same numbers whatever the level of a sweep: paired frames differ in the swept key alone.
+    # Values do not depend on the level of a sweep, so that paired frames differ only in the swept key.
     noise_seed, ray_seed, sheet_seed = (
         int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
     )
@@ -223,7 +223,7 @@ def _surroundings(frame: Frame, seed: np.random.SeedSequence) -> Surroundings:
 
 
 def _camera(settings: GroupSection, fail: Fail) -> Camera:
-    """The camera of a frame, refused where its lens has no inverse."""
+    """The camera of a frame; refused if its lens has no inverse."""
     try:
         camera = camera_of(settings.camera, settings.sensor.fill_factor)
     except ValueError as error:
@@ -236,8 +236,8 @@ def _camera(settings: GroupSection, fail: Fail) -> Camera:
         )
     if camera.aperture_radius_m > 0 and not sees_through_thin_lens(camera):
         raise fail(
-            f"camera: a thin lens focuses no ray at 90 degrees from its axis, and this fisheye sees beyond "
-            f"{THIN_LENS_DEG:g}; leave its aperture out, or give a longer focal length",
+            f"camera: a thin lens cannot focus rays at 90 degrees from its axis, and this fisheye sees beyond "
+            f"{THIN_LENS_DEG:g}; remove its aperture, or increase the focal length",
             "camera",
         )
     return camera
@@ -246,7 +246,7 @@ def _camera(settings: GroupSection, fail: Fail) -> Camera:
 def _place(
     pose: PoseSection, camera: Camera, sheet: Sheet, fail: Fail
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Pixel (2,) where the marker's centre is imaged, and pose (4, 4) of the sheet at time 0."""
+    """Image (2,) of the marker's centre in pixels, and pose (4, 4) of the sheet at time 0."""
     first = sheet.parts[0]
     if pose.distance_m is not None:
         distance_m = pose.distance_m
@@ -277,7 +277,7 @@ def _check_light(frame: Frame) -> None:
 
 
 def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
-    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle round a board."""
+    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle around a board."""
     centre = np.array([part.x_m, part.y_m, 0.0])
     if part.radius_m is not None:
         placed = np.eye(4)
@@ -298,12 +298,12 @@ def _check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
     if outline[:, 2].min() <= 0:
         raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
     if pose[:3, 2] @ pose[:3, 3] >= 0:
-        raise fail(f"pose: marker {part.marker_id} shows its back to the camera; tilt it less", "pose", "tilt_deg")
+        raise fail(f"pose: marker {part.marker_id} faces away from the camera; tilt it less", "pose", "tilt_deg")
     pixels, _ = image_of(frame.camera, frame.motion, frame.camera_from_sheet, in_sheet)
     if np.isnan(pixels).any() and frame.motion.row_s > 0:
         raise fail(
-            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's sight; read out "
-            "faster (readout_s), or move slower",
+            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's view; reduce "
+            "readout_s or the velocity",
             "motion",
         )
     inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)

@@ -11,32 +11,32 @@ from roundel.scenes.study.light_section import AreaLampSection, Lamp, LightSecti
 
 Array = NDArray[np.float64]
 
-# Luminance of linear red, green and blue (ITU-R BT.709), as Mitsuba weighs them.
+# Luminance weights of linear red, green and blue (ITU-R BT.709), as used by Mitsuba.
 LUMINANCE = (0.212671, 0.715160, 0.072169)
 
 
 def luminance_of(colour: ArrayLike) -> float:
-    """What a sensor without colour filters sees of a light's red, green and blue; 1 for white."""
+    """Luminance of a light's red, green and blue as seen by a sensor without colour filters; 1 for white."""
     return float(np.dot(LUMINANCE, np.asarray(colour, dtype=np.float64)))
 
 
 def facing(position_m: ArrayLike, aim_m: ArrayLike) -> Array:
     """Pose (4, 4) of a lamp: origin at `position_m`, Z toward `aim_m`, X and Y along the sides of its square.
 
-    The same axes as Mitsuba's `look_at` with the camera's vertical as its upright.
+    The same axes as Mitsuba's `look_at` with the camera's vertical as the up vector.
 
     Raises
     ------
     ValueError
-        If the lamp stands where it aims.
+        If the lamp is at the point it aims at.
     """
     position = np.asarray(position_m, dtype=np.float64)
     toward = np.asarray(aim_m, dtype=np.float64) - position
     distance = np.linalg.norm(toward)
     if distance < 1e-6:
-        raise ValueError("stands at the very point it faces; move it")
+        raise ValueError("is at the point it faces; move it")
     toward = toward / distance
-    # Any vector that is not along the line of sight will do as the square's upright.
+    # Any vector that is not along the line of sight can be the up vector of the square.
     up = np.array([0.0, -1.0, 0.0]) if abs(toward[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     side = np.cross(up, toward)
     side /= np.linalg.norm(side)
@@ -47,15 +47,15 @@ def facing(position_m: ArrayLike, aim_m: ArrayLike) -> Array:
 
 
 def camera_from_lamp(lamp: Lamp, camera_from_sheet: Array) -> Array:
-    """Pose (4, 4) of a lamp in the camera frame: it faces the marker's centre, a spot the point it aims at."""
+    """Pose (4, 4) of a lamp in the camera frame: it faces the marker's centre, or the point a spotlight aims at."""
     aim = [lamp.aim_x_m, lamp.aim_y_m, 0.0] if isinstance(lamp, SpotLampSection) else [0.0, 0.0, 0.0]
     return facing(lamp.position_m, transform_points(camera_from_sheet, aim))
 
 
 def irradiance_of(lamp: Lamp, camera_from_sheet: Array, points_sheet: ArrayLike) -> Array:
-    """Irradiance (n,) of points (n, 3) of the print under one lamp, nothing in between; an area lamp as if it were far.
+    """Irradiance (n,) of points (n, 3) of the print under one unoccluded lamp; an area lamp is treated as distant.
 
-    Good for weighing lamps against one another and for seeing whether they reach the print at all. Point light:
+    Accurate enough to weight lamps against one another and to check whether they reach the print at all. Point light:
     E = I cos / d^2; a small area: I = L A cos of the angle at the lamp.
     """
     pose = camera_from_lamp(lamp, camera_from_sheet)
@@ -67,7 +67,7 @@ def irradiance_of(lamp: Lamp, camera_from_sheet: Array, points_sheet: ArrayLike)
     if isinstance(lamp, AreaLampSection):
         intensity = lamp.radiance * lamp.size_m**2 * np.maximum(at_lamp, 0.0)
     elif isinstance(lamp, SpotLampSection):
-        # The light falls off linearly in the angle, from the beam to the cutoff (Mitsuba's `spot`).
+        # The intensity falls off linearly with the angle, from the beam to the cutoff (Mitsuba's `spot`).
         angle = np.degrees(np.arccos(np.clip(at_lamp, -1.0, 1.0)))
         width = max(lamp.cutoff_deg - lamp.beam_deg, 1e-9)
         intensity = lamp.intensity * np.clip((lamp.cutoff_deg - angle) / width, 0.0, 1.0)
@@ -77,12 +77,12 @@ def irradiance_of(lamp: Lamp, camera_from_sheet: Array, points_sheet: ArrayLike)
 
 
 def check_light(light: LightSection, sheet: Sheet, camera_from_sheet: Array) -> None:
-    """See to it that some light can reach the print.
+    """Check that some light can reach the print.
 
     Raises
     ------
     ValueError
-        If a lamp stands where it aims, or all would be black.
+        If a lamp is at the point it aims at, or the image would be black.
     """
     steps = np.linspace(0.0, 1.0, 9)
     (x0, y0), (x1, y1) = sheet.low_m, sheet.high_m
@@ -102,5 +102,5 @@ def check_light(light: LightSection, sheet: Sheet, camera_from_sheet: Array) -> 
         lit |= light.environment * luminance_of(light.environment_colour) > 0
     if not lit:
         raise ValueError(
-            "lamps: no light reaches the print: give it an environment, or a lamp on its printed side that shines on it"
+            "lamps: no light reaches the print; add an environment, or a lamp on the printed side that shines on it"
         )

@@ -1,7 +1,6 @@
 """Flat occluders in front of the print: what they hide from the camera, in closed form.
 
-An occluder is parallel to the print, in the sheet's frame. An area lamp hides what is behind it just as well, and
-counts.
+An occluder is parallel to the print, in the sheet's frame. An area lamp hides what is behind it, too, and is included.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _OUTLINE_POINTS = 128
 
 @dataclass(frozen=True)
 class Plate:
-    """A flat thing in the plane z = 0 of a frame of its own: a rectangle of these half sides, or the ellipse within."""
+    """A flat object in the plane z = 0 of its own frame: a rectangle with these half sides, or its inner ellipse."""
 
     sheet_from_plate: Array
     half_width_m: float
@@ -35,7 +34,7 @@ class Plate:
 
 
 def occluder_plate(occluder: OccluderSection) -> Plate:
-    """An occluder with its spreads drawn; its pose (4, 4) in the sheet's frame is a turn and a shift."""
+    """An occluder with its values drawn; its pose (4, 4) in the sheet's frame is a rotation and a translation."""
     turn = np.radians(occluder.turn_deg)
     pose = np.eye(4)
     pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
@@ -46,7 +45,7 @@ def occluder_plate(occluder: OccluderSection) -> Plate:
 
 
 def plates_of(settings: GroupSection, camera_from_sheet: Array) -> tuple[Plate, ...]:
-    """All that may stand between camera and print: the occluders, then the area lamps."""
+    """Everything that may be between camera and print: the occluders, then the area lamps."""
     plates = [occluder_plate(occluder) for occluder in settings.occluders]
     sheet_from_camera = np.linalg.inv(camera_from_sheet)
     for lamp in settings.light.lamps:
@@ -57,7 +56,7 @@ def plates_of(settings: GroupSection, camera_from_sheet: Array) -> tuple[Plate, 
 
 
 def hidden(plates: Iterable[Plate], camera_from_sheet: Array, points_sheet: ArrayLike) -> NDArray[np.bool_]:
-    """Which points of the print the camera's centre cannot see.
+    """Points of the print that are hidden from the camera's centre.
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ def hidden(plates: Iterable[Plate], camera_from_sheet: Array, points_sheet: Arra
     for plate in plates:
         plate_from_sheet = np.linalg.inv(plate.sheet_from_plate)
         eye, p = transform_points(plate_from_sheet, eye_sheet), transform_points(plate_from_sheet, points)
-        # The two ends stand on different sides of the plate's plane; a segment within the plane meets nothing.
+        # The two ends are on different sides of the plate's plane; a segment in the plane meets nothing.
         crosses = eye[2] * p[:, 2] < 0
         share = eye[2] / np.where(crosses, eye[2] - p[:, 2], 1.0)
         at = (eye + share[:, None] * (p - eye))[:, :2] / [plate.half_width_m, plate.half_height_m]
@@ -99,18 +98,18 @@ def occluder_outlines_m(plates: Iterable[Plate], camera_from_sheet: Array) -> li
 
 
 def check_occluders(occluders: list[OccluderSection], camera: Camera, camera_from_sheet: Array) -> None:
-    """See to it that every occluder stands between the print's plane and the camera.
+    """Check that every occluder is between the print's plane and the camera.
 
     Raises
     ------
     ValueError
-        If one stands farther from the print than the camera does.
+        If one is farther from the print than the camera.
     """
     camera_height_m = float(np.linalg.inv(camera_from_sheet)[2, 3])
     for i, occluder in enumerate(occluders):
-        # The lens reaches a radius of its aperture to every side of the camera's centre.
+        # The lens extends by its aperture radius to every side of the camera's centre.
         if occluder.z_m >= camera_height_m - camera.aperture_radius_m:
             raise ValueError(
-                f"{i}.z_m: {occluder.z_m:g} m above the print is not before the camera, which stands "
+                f"{i}.z_m: {occluder.z_m:g} m above the print is not in front of the camera, which is "
                 f"{camera_height_m:.3g} m above it; lower the occluder"
             )

@@ -1,4 +1,4 @@
-"""From a marker's section to the sheet that is printed: one function for each kind.
+"""From a marker's section to the printed sheet: one function for each kind.
 
 Each kind gives its shapes in the order they are painted, its parts (part 0 at the origin), and its finest detail, which
 bounds how soft its edges may be.
@@ -20,7 +20,7 @@ from roundel.scenes.study import marker_section as sections
 # The orientation tick, in radii.
 TICK_FROM, TICK_TO, TICK_WIDTH = 0.5, 0.9, 0.12
 
-# Finer than this, the number of a cell would not fit the integers that are hashed.
+# Below this, cell indices would not fit the integers that are hashed.
 MIN_GRAIN_M, MIN_CLUTTER_M = 1e-6, 1e-4
 
 
@@ -61,9 +61,7 @@ def _rings(section: sections.RingsSection, ink: float, paper: float) -> _Print:
     diameters = [float(d) for d in section.diameters_m]
     for a, b in pairwise(diameters):
         if b >= a:
-            raise ValueError(
-                f"marker.diameters_m: {b:g} after {a:g}; give the outermost first, each smaller than before"
-            )
+            raise ValueError(f"marker.diameters_m: {b:g} after {a:g}; list the diameters in decreasing order")
     return _circles(diameters, "rings", {"diameters_m": diameters}, ink, paper)
 
 
@@ -72,7 +70,7 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
     if not all(0 < a < b for a, b in pairwise(shares)):
         raise ValueError("marker.disc: needs 0 < disc < code_from < code_to < ring_from < 1")
     if len({len(ring) for ring in section.code}) != 1:
-        raise ValueError("marker.code: every ring needs as many cells as the others")
+        raise ValueError("marker.code: every ring needs the same number of cells")
     outer = section.diameter_m / 2
     disc, inner, last, ring, _ = (outer * share for share in shares)
     cells = bytes(int(bit) for row in section.code for bit in row)
@@ -86,7 +84,7 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
 
 
 def _apart(key: str, gap_m: float) -> float:
-    """What the gap between two neighbours allows; touching ones are refused, as their contours would merge."""
+    """Softness that the gap between two neighbours allows; touching ones are refused: their contours would merge."""
     if gap_m <= 0:
         raise ValueError(f"marker.{key}: neighbours touch or overlap; move them apart or make them smaller")
     return gap_m
@@ -104,7 +102,7 @@ def _dot_ring(section: sections.DotRingSection, ink: float, paper: float) -> _Pr
     finest = min(2 * dot, _apart("ring_diameter_m", 2 * ring * np.sin(np.pi / count) - 2 * dot))
     turn = np.radians(section.turn_deg)
     angle = turn + 2 * np.pi * np.arange(count) / count
-    # The first dot is at the origin: it is part 0, and has the pose of record.
+    # The first dot is at the origin, because part 0 has the pose of record.
     xs, ys = ring * (np.cos(angle) - np.cos(turn)), ring * (np.sin(angle) - np.sin(turn))
     layout = {"dots": count, "ring_diameter_m": section.ring_diameter_m, "turn_deg": section.turn_deg}
     places = [(float(x), float(y)) for x, y in zip(xs, ys, strict=True)]
@@ -139,10 +137,10 @@ def _disc_with_chessboard(section: sections.DiscWithChessboardSection, ink: floa
 
 
 def _refuse_inverted(section: Any, what: str) -> None:
-    # Only the colour of its first square tells which way up a board is. A grid of tags tells by its bits, and
-    # detectors know light tags on dark: those may be inverted.
+    # Only the colour of its first square determines a board's orientation. A grid of tags has its bits for that, and
+    # detectors support light tags on dark: those may be inverted.
     if section.inverted:
-        raise ValueError(f"marker.inverted: {what} is dark on light; invert circles and tags only")
+        raise ValueError(f"marker.inverted: {what} cannot be inverted; only circles and tags can")
 
 
 def _tag_layout(section: Any, **sizes: float) -> dict[str, Any]:
@@ -187,14 +185,14 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
 
 
 def sheet_of(section: sections.Marker, seed: int = 0) -> Sheet:
-    """The sheet that a marker's section describes.
+    """The sheet described by a marker's section.
 
     Parameters
     ----------
     section : Marker
-        Its spreads already drawn.
+        With all values drawn.
     seed : int
-        Of grain and clutter, 0 to 2^32 - 1.
+        Seed of grain and clutter, 0 to 2^32 - 1.
 
     Raises
     ------

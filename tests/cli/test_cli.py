@@ -256,4 +256,4 @@ def test_a_marker_from_the_command(tmp_path: Path, capsys) -> None:
     assert "print it at 100 %" in out
     assert (tmp_path / "m.pdf").read_bytes().startswith(b"%PDF")
     refused(capsys, 2, "did you mean disc", "marker", "disk", tmp_path / "m.pdf")
-    refused(capsys, 2, "more than a4 holds", "marker", "disc", tmp_path / "m.pdf", "--diameter-m", 0.5)
+    refused(capsys, 2, "does not fit on a4", "marker", "disc", tmp_path / "m.pdf", "--diameter-m", 0.5)

@@ -130,14 +130,14 @@ def test_without_hard_links_radiance_is_copied(rendered: Path, tmp_path: Path, m
         ("sensor:\n  bits: 9\n", 2, 3, "8, 10, 12 or 16"),
         ("read_noise_e: -1", 1, 1, "must not be negative"),
         ("read_noise_e: nan\nbits: 12", 1, 1, "'nan' is not a number"),
-        ("\nmosaic: rggb", 2, 1, "mosaic: decides which rays are traced"),
-        ("fill_factor: 0.5", 1, 1, "fill_factor: decides which rays are traced"),
-        ("prnu: {grid: [0, 0.1]}", 1, 1, "a grid decides how many frames"),
+        ("\nmosaic: rggb", 2, 1, "mosaic: determines which rays are traced"),
+        ("fill_factor: 0.5", 1, 1, "fill_factor: determines which rays are traced"),
+        ("prnu: {grid: [0, 0.1]}", 1, 1, "a grid determines the number of frames"),
         ("exposure_e: 3\nexposure_ph: 3", 1, 1, "not both"),
         ("white_level: 0.5", 1, 1, "fixed exposure; add `exposure_ph: null`"),
         ("nonsense: null", 1, 1, "unknown key"),
-        ("\n- 3", 2, 1, "a mapping of the keys"),
-        ("sensor: 3", 1, 1, "a mapping of the keys"),
+        ("\n- 3", 2, 1, "a mapping with the keys"),
+        ("sensor: 3", 1, 1, "a mapping with the keys"),
         ("bits: [", 1, 8, "not YAML"),
         ("bits: 12\njpeg_quality: 80", 1, 1, "a JPEG has 8 bits"),
     ],
@@ -214,7 +214,7 @@ def test_wrong_arguments_are_one_line(rendered: Path, tmp_path: Path, capsys) ->
     refused(2, f"{none}:1:1: cannot read", rendered, out, "--sensor", none)
     refused(4, f"{tmp_path / 'no'}: not a dataset", tmp_path / "no", out, "--sensor", none)
     sensor = sensor_file(tmp_path, "fill_factor: 0.9")
-    refused(2, f"{sensor}:1:1: fill_factor: decides which rays", rendered, out, "--sensor", sensor)
+    refused(2, f"{sensor}:1:1: fill_factor: determines which rays", rendered, out, "--sensor", sensor)
 
 
 def test_burnt_out_and_dark_frames_are_flagged_and_said(rendered: Path, tmp_path: Path, capsys) -> None:

@@ -128,11 +128,11 @@ def test_colours_have_light_and_diffraction_of_their_own(tmp_path: Path, monkeyp
 
 
 REASONS = {
-    "cut by the image's border": (("{uniform: [-20, 20]}", "-78"),),
+    "cut off by the image border": (("{uniform: [-20, 20]}", "-78"),),
     "smaller than 3 px": (("{uniform: [7, 9]}", "100"),),
     "its paper has grain": (("diameter_m: 0.08", "diameter_m: 0.08, grain: 0.1"),),
     "its surface is glossy": (("diameter_m: 0.08", "diameter_m: 0.08, surface: {kind: plastic}"),),
-    "ink and paper are alike": (("diameter_m: 0.08", "diameter_m: 0.08, ink: 0.4, paper: 0.4"),),
+    "ink and paper have the same reflectance": (("diameter_m: 0.08", "diameter_m: 0.08, ink: 0.4, paper: 0.4"),),
     "occluders hide or shade it": (("light:", "occluders: [{z_m: 0.1, width_m: 0.01, x_m: 0.2}]\nlight:"),),
     "a lamp hides or shades it": (("position_m: [-0.3, -0.5, 0.0]", "position_m: [0.0, 0.0, 0.2]"),),
     "the lens barrel vignettes it": (
@@ -240,11 +240,11 @@ def test_more_failures_than_chance_allows_are_told() -> None:
     assert summarise([circle("sharp", 1e-4 * i, i > 0) for i in range(20)])["z_consistent"]
     found = summarise([circle("sharp", 1e-4 * i, i > 2) for i in range(20)])
     assert not found["z_consistent"]
-    assert "passed by 17 of 20: more than chance allows fail" in fidelity_lines(found)[0]
+    assert "passed by 17 of 20: more failures than expected by chance" in fidelity_lines(found)[0]
 
 
 def test_nothing_measured_is_said() -> None:
-    assert summarise([]) == {"circles": 0, "reason": "no circle that was rendered"}
+    assert summarise([]) == {"circles": 0, "reason": "no circle was rendered"}
     found = summarise([{"reason": "its paper has grain"}])
     assert found == {"circles": 0, "reason": "its paper has grain", "unmeasured": {"its paper has grain": 1}}
     assert fidelity_lines(found) == ["fidelity: not measured (its paper has grain)"]
@@ -255,7 +255,7 @@ def test_clutter_that_shines_in_is_a_reason(tmp_path: Path) -> None:
     clutter = "diameter_m: 0.08, clutter: {cell_m: 0.02}, margin_m: "
     bright = np.ones((120, 160), dtype=np.float32)
     near = frame_of(small_study(tmp_path, ("diameter_m: 0.08", clutter + "0.002")), 0)
-    assert measure_circle(near, 0, bright, bright) == {"reason": "clutter on the wall is seen at its edge"}
+    assert measure_circle(near, 0, bright, bright) == {"reason": "clutter on the wall is visible at its edge"}
     far = frame_of(small_study(tmp_path, ("diameter_m: 0.08", clutter + "0.05")), 0)
     assert "z_passed" in measure_circle(far, 0, bright, bright * 1e-6)
 

@@ -202,16 +202,16 @@ def test_the_quiet_zone_is_what_there_is_room_for():
 
 
 def test_too_large_says_what_would_fit():
-    with pytest.raises(UsageError, match=r"disc needs 240 x 240 mm .* more than a4 holds; take --paper a3 or "):
+    with pytest.raises(UsageError, match=r"disc needs 240 x 240 mm .* does not fit on a4; use --paper a3 or "):
         lay_out(marker_to_print("disc", 0.2, {}))
-    with pytest.raises(UsageError, match=r"make its diameter 0.158 m at most"):
+    with pytest.raises(UsageError, match=r"reduce its diameter to at most 0.158 m"):
         lay_out(marker_to_print("disc", 0.2, {}))
     assert lay_out(marker_to_print("disc", 0.158, {}))
     assert lay_out(marker_to_print("disc", 0.2, {}), "a3")
-    with pytest.raises(UsageError, match=r"to \d+ % of this at most"):
+    with pytest.raises(UsageError, match=r"to at most \d+ %"):
         lay_out(section_of("chessboard", square_m=0.05))
     # An asked-for margin is not made smaller.
-    with pytest.raises(UsageError, match="more than a4 holds"):
+    with pytest.raises(UsageError, match="does not fit on a4"):
         lay_out(marker_to_print("disc", 0.15, {"margin_m": 0.05}))
 
 
@@ -221,8 +221,8 @@ def test_too_large_says_what_would_fit():
         ("disk", 0.08, {}, "did you mean disc"),
         ("chessboard", 0.08, {}, "has no diameter"),
         ("ring", 0.08, {"iner_diameter_m": 0.02}, "did you mean inner_diameter_m"),
-        ("disc", 0.08, {"ink": 0.1}, "only rendering knows it"),
-        ("disc", 0.08, {"diameter_m": {"uniform": [0.1, 0.2]}}, "a print has one size"),
+        ("disc", 0.08, {"ink": 0.1}, "applies to rendering only"),
+        ("disc", 0.08, {"diameter_m": {"uniform": [0.1, 0.2]}}, "a printed marker has a fixed size"),
         ("disc", 0.08, {"diameter_m": "big"}, "marker disc: diameter_m"),
         ("chessboard", None, {"columns": 6, "rows": 4}, "upside down"),
         ("rings", 0.08, {"diameters_m": [0.08]}, "marker rings: diameters_m"),
@@ -255,7 +255,7 @@ def test_keys_from_the_command_line():
 
 
 def test_other_endings(tmp_path):
-    with pytest.raises(UsageError, match=r"end the file's name in \.pdf or \.svg"):
+    with pytest.raises(UsageError, match=r"the file name must end in \.pdf or \.svg"):
         print_marker(section_of("disc"), tmp_path / "marker.png")
     with pytest.raises(UsageError, match="use a5, a4"):
         lay_out(section_of("disc"), "a9")

@@ -135,8 +135,8 @@ def test_a_circle_on_its_own_axis_has_no_bound():
         ({"sigma_px": 0.0}, "sigma_px"),
         ({"count": math.nan}, "count"),
         ({"focal_sigma": 0.0}, "focal_sigma"),
-        ({"radius_m": 30.0}, "before the camera"),
-        ({"camera_from_marker": pose(90.0, 0.0, (0, 0, 10.0))}, "on edge"),
+        ({"radius_m": 30.0}, "in front of the camera"),
+        ({"camera_from_marker": pose(90.0, 0.0, (0, 0, 10.0))}, "edge-on"),
     ],
 )
 def test_bad_input(change, says):

@@ -36,7 +36,7 @@ def test_tags_are_drawn_as_opencv_draws_them(family: str) -> None:
     for i in range(count):
         np.testing.assert_array_equal(cv2.aruco.generateImageMarker(tags, i, side, None, 1), 255 * (1 - cells[i]))
     np.testing.assert_array_equal(tag_cells(family, count - 3, 3), cells[-3:])
-    with pytest.raises(ValueError, match=f"marker.first_id: 4 tags .* and {family} ends at {count - 1}"):
+    with pytest.raises(ValueError, match=f"marker.first_id: 4 tags .* but {family} ends at {count - 1}"):
         tag_cells(family, count - 3, 4)
 
 

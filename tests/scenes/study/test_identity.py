@@ -104,7 +104,7 @@ def test_frames_drawn_otherwise_are_not_added(tmp_path: Path, draws_otherwise) -
     assert render_study(path, dataset, frames=range(2)) is None
     kept = (dataset / "journal.jsonl").read_bytes()
     draws_otherwise()
-    with pytest.raises(DataError, match="frame 0 was rendered from other numbers"):
+    with pytest.raises(DataError, match="frame 0 was rendered with other values"):
         render_study(path, dataset)
     assert (dataset / "journal.jsonl").read_bytes() == kept
 
@@ -120,7 +120,7 @@ def test_verify_draws_the_numbers_again(tmp_path: Path, draws_otherwise) -> None
     assert verify_dataset(dataset, full=True) == []
     draws_otherwise()
     (finding,) = verify_dataset(dataset, full=True)
-    assert "4 frames, the first is 0, were rendered from other numbers" in str(finding)
+    assert "4 frames (the first is 0) were rendered with other values" in str(finding)
 
 
 def test_datasets_without_checksums_of_numbers_are_read_and_not_added_to(tmp_path: Path) -> None:
@@ -131,7 +131,7 @@ def test_datasets_without_checksums_of_numbers_are_read_and_not_added_to(tmp_pat
     for entry in entries.values():
         del entry["numbers_sha256"]
     journal.rewrite(dataset, entries)
-    with pytest.raises(DataError, match="did not record the numbers"):
+    with pytest.raises(DataError, match="did not record the values"):
         render_study(path, dataset)
     (dataset / "manifest.json").write_text(
         json.dumps({"schema": 1, "dataset_id": "", "study": {}, "files": {}, "counts": {}})

@@ -67,6 +67,6 @@ def test_a_studys_own_keys_lie_over_the_preset(tmp_path: Path) -> None:
 
 
 def test_an_unknown_preset_is_named_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="preset: no preset 'phones'; did you mean phone") as caught:
+    with pytest.raises(StudyError, match="preset: unknown preset 'phones'; did you mean phone") as caught:
         study(tmp_path, "preset: phones\nmarker: {kind: disc, diameter_m: 0.08}\nframes: 4\n")
     assert caught.value.line == 3

@@ -114,18 +114,18 @@ def refused(folder: Path, message: str, keys: str = "") -> None:
 
 
 def test_a_missing_map_is_refused(tmp_path: Path) -> None:
-    refused(tmp_path, r"light\.map\.file: no such file: map\.exr; put the map there")
+    refused(tmp_path, r"light\.map\.file: no such file: map\.exr; the path is relative to the study")
 
 
 def test_an_absolute_path_is_refused(tmp_path: Path) -> None:
     constant(tmp_path)
-    with pytest.raises(StudyError, match="name the map relative to the study"):
+    with pytest.raises(StudyError, match="give it relative to the study"):
         small_study(tmp_path, (LIGHT, f"light: {{map: {{file: {tmp_path}/map.exr}}}}"))
 
 
 def test_another_map_than_the_recorded_one_is_refused(tmp_path: Path) -> None:
     constant(tmp_path)
-    refused(tmp_path, "is not the map that was recorded", f", sha256: {'a' * 64}")
+    refused(tmp_path, "is not the recorded map", f", sha256: {'a' * 64}")
     with pytest.raises(StudyError, match="sha256"):
         mapped(tmp_path, ", sha256: abc")
 
@@ -147,9 +147,9 @@ def test_a_header_that_is_cut_off_is_refused(tmp_path: Path, length: int) -> Non
 @pytest.mark.parametrize(
     ("size", "message"),
     [
-        ((16_386, 8_193), "16386 x 8193 pixels of 3 channels are too many"),
-        ((16_384, 8_192), "too many; scale it down .at most 16384 wide, 1 GB decoded"),
-        ((2_000_000_000, 1_000_000_000), "too many"),
+        ((16_386, 8_193), "16386 x 8193 pixels with 3 channels is too large"),
+        ((16_384, 8_192), "too large; scale it down .at most 16384 wide, 1 GB decoded"),
+        ((2_000_000_000, 1_000_000_000), "too large"),
         ((16, 16), "16 x 16 pixels; an equirectangular map is twice as wide as high"),
         ((16, 0), "16 x 0 pixels; an equirectangular map"),
         ((-5, 8), "-5 x 8 pixels; an equirectangular map"),
@@ -182,7 +182,7 @@ def test_a_truncated_map_is_one_clear_line(mi, tmp_path: Path, capfd) -> None:
     data = (tmp_path / "map.exr").read_bytes()
     for length in (len(data) // 2, len(data) - 10, 420):
         (tmp_path / "map.exr").write_bytes(data[:length])
-        unreadable(mi, tmp_path, "truncated or corrupt; get the file anew")
+        unreadable(mi, tmp_path, "truncated or corrupt; get the file again")
     # The library has not talked past us.
     assert capfd.readouterr() == ("", "")
 
@@ -200,7 +200,7 @@ def test_a_map_of_what_is_no_light_is_one_clear_line(mi, tmp_path: Path, value: 
 
 def test_a_black_map_and_one_without_colours_are_one_clear_line(mi, tmp_path: Path) -> None:
     constant(tmp_path, 0.0)
-    unreadable(mi, tmp_path, "is black; take another")
+    unreadable(mi, tmp_path, "is black; use another")
     write_map(tmp_path / "map.exr", np.ones((8, 16, 2), dtype=np.float32), "ZA")
     unreadable(mi, tmp_path, "needs the channels R, G, B, or Y; it has")
 
@@ -209,7 +209,7 @@ def test_a_map_that_changes_under_a_study_is_one_clear_line(mi, tmp_path: Path) 
     constant(tmp_path)
     frame = frame_of(mapped(tmp_path), 0)
     constant(tmp_path, 7.0)
-    with pytest.raises(DataError, match="is not the map that the study recorded"):
+    with pytest.raises(DataError, match="is not the map recorded by the study"):
         emitters(mi, frame)
     assert load_study(tmp_path / "study.yaml").groups["main"].light.map is not None
 

@@ -125,7 +125,7 @@ def test_sky_and_mosaic_need_colours_and_a_sky_without_them_is_refused(mi, tmp_p
     assert needs_colour(sky)
     assert needs_colour(lit(tmp_path, "{environment: 1}\nsensor: {mosaic: rggb}"))
     assert not needs_colour(lit(tmp_path, "{environment: 1}"))
-    with pytest.raises(UsageError, match="llvm_ad_mono knows no colours"):
+    with pytest.raises(UsageError, match="llvm_ad_mono does not support colour"):
         emitters(mi, sky)
 
 
@@ -297,8 +297,8 @@ def test_beside_the_wall_the_environment_is_seen(mi, tmp_path: Path) -> None:
         ("{lamps: [{kind: spot, position_m: [0, 0, 0], intensity: 1, beam_deg: 20}]}", "beam_deg must be smaller"),
         ("{lamps: [{kind: spot, position_m: [0, 0, 0], intensity: 1, cutoff_deg: 120}]}", "at most 90"),
         ("{lamps: [{kind: bulb, position_m: [0, 0, 0]}]}", "unknown kind 'bulb'"),
-        ("{sky: {sun_elevation_deg: 0}}", "an elevation lies in 5 to 90"),
-        ("{sky: {turbidity: 20}}", "a turbidity lies in 1"),
+        ("{sky: {sun_elevation_deg: 0}}", "an elevation must be between 5 and 90"),
+        ("{sky: {turbidity: 20}}", "a turbidity must be between 1"),
         ("{sky: {scale: 0}}", "no light reaches the print"),
     ],
 )
@@ -314,7 +314,7 @@ def test_a_lamp_where_it_aims_is_refused(tmp_path: Path) -> None:
         ("offset_x_px: {uniform: [-20, 20]}", "offset_x_px: 0"),
         ("distance_D: {uniform: [7, 9]}", "distance_m: 0.5"),
     )
-    with pytest.raises(StudyError, match=r"light\.lamps\.0: stands at the very point it faces"):
+    with pytest.raises(StudyError, match=r"light\.lamps\.0: is at the point it faces"):
         lit(tmp_path, "{lamps: [{position_m: [0, 0, 0.5], size_m: 0.1, radiance: 1}]}", *edits)
 
 

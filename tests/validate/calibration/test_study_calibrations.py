@@ -148,7 +148,7 @@ def test_the_shipped_study_asks_for_four_calibrations() -> None:
 def test_more_views_than_there_are(tmp_path: Path) -> None:
     file = tmp_path / "s.yaml"
     file.write_text(TEXT.replace("calibrated:6", f"calibrated:{VIEWS + 1}"))
-    with pytest.raises(StudyError, match=r"s\.yaml:\d+:\d+: .*`calibrated:9` wants 9 views, and group .* has 8$"):
+    with pytest.raises(StudyError, match=r"s\.yaml:\d+:\d+: .*`calibrated:9` needs 9 views, but group .* has 8$"):
         load_study(file)
 
 
