@@ -46,6 +46,9 @@ _PREDICTION_ERROR = 1e-3
 # Eight replicates of few rays may agree by chance: the variance is at least this fraction of the model's.
 _LEAST_VARIANCE = 0.25
 
+# In a world, a mean of (residual / noise)^2 above this shows light that no quadratic describes.
+_SMOOTH_LIGHT = 1.6
+
 # Contrast, in units of radiance, at or below which no light falls on the circle.
 _DARK = 1e-9
 
@@ -96,7 +99,13 @@ def measure_circle(
         return {"reason": "ink and paper have the same reflectance"}
     if frame.sheet.clutter is not None and any(seen.border for seen in predictions):
         return {"reason": "clutter on the wall is visible at its edge"}
-    return compare(frame, predictions, radiance, variance)
+    if frame.surroundings is None:
+        return compare(frame, predictions, radiance, variance)
+    found = compare(frame, predictions, radiance, variance)
+    # The fit has its shift and growth: what is left is no error of the edge but light that is not smooth.
+    if found.get("chi2_left", 0.0) > _SMOOTH_LIGHT:
+        return {"reason": "the edge of a shadow or a highlight crosses it"}
+    return found
 
 
 def _colour_of(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -134,6 +143,9 @@ def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _B
     wide = binary_dilation(wide, structure=np.ones((3, 3), dtype=bool), iterations=_BAND_PX)
     window = np.zeros_like(wide)
     window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = True
+    if frame.surroundings is not None:
+        # What lies beyond the sheet's border is not predicted.
+        window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = seen.on_sheet > 1 - low
     rows, columns = np.nonzero(wide & window)
     rows, columns = rows - _BAND_PX + seen.row0, columns - _BAND_PX + seen.col0
     height, width = frame.camera.height_px, frame.camera.width_px
@@ -239,5 +251,6 @@ def compare(
         "residual": float(np.sqrt(np.mean(left**2))) / height,
         "monte_carlo": float(np.sqrt(np.mean(band.variance))) / height,
         "pixels": len(left),
+        "chi2_left": float(np.mean(left**2 / noise)),
         **pixel_test((band.observed - seen @ still)[tested], noise[tested]),
     }

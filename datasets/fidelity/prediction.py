@@ -53,6 +53,8 @@ class Prediction:
         Increase of the reflectance from outside the circle to inside.
     border : bool
         Whether the wall beyond the sheet's border is visible there.
+    on_sheet : (h, w) array
+        Fraction of each pixel's light that comes from within the sheet's border.
     """
 
     row0: int
@@ -66,6 +68,7 @@ class Prediction:
     growth: Array
     step: float
     border: bool
+    on_sheet: Array
 
 
 @dataclass(frozen=True)
@@ -190,13 +193,16 @@ def predict(frame: Frame, part: Part, window: Window | None = None, nodes: Nodes
     own, rest = (Areas(*window, side=frame.camera.pixel_side, kinds=3) for _ in range(2))
     add_outline(frame, circle, nodes, _vertices(circle, view.extent, sharp), weights, own)
     box = _box(frame, circle, view, nodes)
-    border = False
+    border, paper = False, np.ones(window[2:])
     for i, outline in enumerate(others):
         other = _view(frame, outline, nodes, box)
         if _near(view, other):
             count = _vertices(outline, other.extent, sharp)
             add_outline(frame, outline, nodes, count, outline.step * weights, rest, box)
-            border = border or i == 0
+            if i == 0:
+                border, within = True, Areas(*window, side=frame.camera.pixel_side, kinds=1)
+                add_outline(frame, outline, nodes, count, weights[:1], within, box)
+                paper = within.inside()[0]
     inside, (shift_x, shift_y, growth) = own.inside(), own.derivatives()
     planes = circle.step * inside + rest.inside()
     others_x, others_y, _ = rest.derivatives()
@@ -212,4 +218,5 @@ def predict(frame: Frame, part: Part, window: Window | None = None, nodes: Nodes
         circle.step * growth,
         circle.step,
         border,
+        paper,
     )

@@ -52,8 +52,6 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
         return "not a circle"
     if any(isinstance(shape, Sectors) for shape in frame.sheet.shapes):
         return "its code is not predicted"
-    if frame.surroundings is not None:
-        return "a world lights it"
     if settings.occluders:
         return "occluders hide or shade it"
     if settings.marker.surface.kind != "matte":

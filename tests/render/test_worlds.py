@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers_studies import small_study
 
+from roundel.datasets.fidelity.measure import measure_circle
 from roundel.render.radiance import _estimate, _Shot, render_radiance
 from roundel.render.rays.rays import optics_of
 from roundel.render.run import render_study
@@ -20,14 +21,11 @@ from roundel.scenes.surroundings.bodies import Body, Material
 from roundel.scenes.surroundings.objects import HOUSEHOLD, WORKSHOP
 from roundel.scenes.world.frame import frame_of
 
-EDITS = (
-    ("light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}", "world: WORLD"),
-    ("render: {band_samples: 256}", "render: {target_error: 0.05, background_error: 0.2}"),
-)
+LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}"
 
 
-def world_study(folder: Path, world: str):
-    return small_study(folder, (EDITS[0][0], f"world: {world}"), EDITS[1])
+def world_study(folder: Path, world: str, render: str = "target_error: 0.05, background_error: 0.2"):
+    return small_study(folder, (LIGHT, f"world: {world}"), ("band_samples: 256", render))
 
 
 @pytest.mark.parametrize("world", ["tabletop", "room", "shelf", "workshop"])
@@ -134,3 +132,21 @@ def measure(mi, frame, built, samples):
     pixels = np.arange(0, frame.camera.width_px * frame.camera.height_px, 9)
     mean, variance = _estimate(shot, pixels, samples, 5, ())[:2].astype(float)
     return mean, variance
+
+
+@pytest.mark.parametrize(("world", "index"), [("tabletop", 2), ("room", 1)])
+def test_fidelity_is_measured_in_a_world(mi, tmp_path: Path, world: str, index: int) -> None:
+    frame = frame_of(world_study(tmp_path, world, "target_error: 0.01, background_error: 0.3"), index)
+    radiance = render_radiance(mi, frame)
+    found = measure_circle(frame, 0, radiance.mean, radiance.variance)
+    assert "reason" not in found
+    # Within four standard errors, which the paths' noise gives: some 0.003 px at this error of a pixel.
+    assert found["shift_se_px"] < 0.006
+    assert abs(found["shift_x_px"]) < 4 * found["shift_se_px"]
+    assert abs(found["shift_y_px"]) < 4 * found["shift_se_px"]
+    assert found["chi2_left"] == pytest.approx(1.0, abs=0.5)
+    # A renderer that were 0.05 px off would be found.
+    k = frame.camera.K.copy()
+    k[0, 2] -= 0.05
+    moved = measure_circle(replace(frame, camera=replace(frame.camera, K=k)), 0, radiance.mean, radiance.variance)
+    assert moved["shift_x_px"] - found["shift_x_px"] == pytest.approx(0.05, abs=0.003)
