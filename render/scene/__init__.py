@@ -6,5 +6,5 @@ light_map: Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once
 lights: Lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps
 materials: Materials for Mitsuba: the print under its gloss, and the occluders
 scene: A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders
-transport: Light transport on a plain sheet in closed form, without ray intersection
+transport: Light transport on an unoccluded matte sheet in closed form, without ray intersection
 """
