@@ -37,7 +37,7 @@ def corner_rays(
 
 
 def subpixel_rays(corner: Array, pixels: NDArray[np.bool_], count: int) -> Array:
-    """Normalised coordinates (N, count^2, 2) within the pixels of a mask; the lens is bilinear in a pixel to 1e-7 px."""
+    """Normalised coordinates (N, count^2, 2) within masked pixels; the lens is bilinear in a pixel to 1e-7 px."""
     v, u = np.nonzero(pixels)
     step = (np.arange(count) + 0.5) / count
     x, y = (axis.ravel()[:, None] for axis in np.meshgrid(step, step))
