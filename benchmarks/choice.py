@@ -1,14 +1,15 @@
-"""Are the probabilities of the choice calibrated? Of the cases called 0.8, are 80 % right?
+"""Check whether the disambiguation probabilities are calibrated: of the cases declared 0.8, are 80 % correct?
 
     python benchmarks/choice.py [--cases 2000] [--kinds KIND,...] [--json FILE]
 
-For each kind of knowledge, cases are drawn under the prior that the knowledge declares: markers 5 to 50 D away, tilted
-10 to 70 degrees toward any side, anywhere in the image (f = 1,016 px on 1280x720), with noise on the ellipse. A name
-that ends in `_default` has a focal length wrong by 11.5 % and a principal point wrong by 20 px (one sigma each). Marks
-are drawn and measured, so that real pixels decide; they declare nothing of the normal, so all directions are alike;
-`_far` ones are 25 to 60 D away, in stronger noise. Printed: bins of what was declared for candidate 0 against how often
-it was the true one, and the expected calibration error, the mean of |declared - right| over the bins, by their cases.
-A case's truth is the candidate whose normal is nearer to the true one.
+For each kind of prior knowledge, cases are drawn from the prior that it declares: markers 5 to 50 D away, tilted 10 to
+70 degrees in any direction, anywhere in the image (f = 1,016 px on 1280x720), with noise on the ellipse. Names ending
+in `_default` have a focal length wrong by 11.5 % and a principal point wrong by 20 px (one sigma each). Cues on the
+print are rendered and measured, so that real pixels decide; they declare nothing about the normal, so all directions
+are equally likely. `_far` cases are 25 to 60 D away, with stronger noise. The output is a table of bins of the
+probability declared for candidate 0 against how often it was the true one, and the expected calibration error: the mean
+of |declared - right| over the bins, weighted by cases. The true candidate is the one whose normal is nearer to the true
+normal.
 """
 
 from __future__ import annotations

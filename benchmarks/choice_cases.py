@@ -1,4 +1,4 @@
-"""Cases for `choice.py`: markers, cameras, noise, and what is declared about them."""
+"""Cases for `choice.py`: markers, cameras, noise, and the declared prior knowledge."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT, FOCAL_PX = 1280, 720, 1016.0
 RADIUS_M = 0.5  # a diameter of one: distances are in diameters
 FOCAL_SIGMA, PRINCIPAL_SIGMA_PX = 0.115, 20.0
-FINE = 4  # points a pixel and side of the grid on which images are drawn and blurred
+FINE = 4  # points per pixel side of the grid on which images are drawn and blurred
 
 KINDS = (
     "same_or_opposite_side_default",
@@ -63,12 +63,12 @@ def cases(kind: str, count: int) -> Iterator[tuple[float, bool]]:
 
 
 def _cameras(generator: np.random.Generator, uncertain: bool) -> tuple[Array, UncertainCamera]:
-    """The true K, and the camera that is believed."""
+    """The true K, and the assumed camera."""
     guess = np.array([[FOCAL_PX, 0, (WIDTH - 1) / 2], [0, FOCAL_PX, (HEIGHT - 1) / 2], [0, 0, 1]])
     true = guess.copy()
     if not uncertain:
         return true, UncertainCamera(Camera(WIDTH, HEIGHT, guess))
-    # The truth scatters about the guess, as the declaration says.
+    # The truth is distributed about the guess as declared.
     true[:2, :2] *= max(0.5, 1.0 + FOCAL_SIGMA * generator.standard_normal())
     true[:2, 2] += PRINCIPAL_SIGMA_PX * generator.standard_normal(2)
     return true, UncertainCamera(Camera(WIDTH, HEIGHT, guess), FOCAL_SIGMA, PRINCIPAL_SIGMA_PX)
@@ -96,7 +96,7 @@ def _around(generator: np.random.Generator, mean: Array, spread_deg: float) -> A
 
 
 def _knowledge(generator: np.random.Generator, kind: str) -> tuple[Array, Any]:
-    """The true normal, and what is declared of it; a side is declared later."""
+    """The true normal, and what is declared about it; a side is declared later."""
     normal = normal_of(generator.uniform(10, 70), generator.uniform(-180, 180))
     if kind.startswith("normal"):
         spread = {"normal_prior_wide": 40.0}.get(kind, float(generator.choice([5.0, 10.0, 20.0])))
@@ -124,7 +124,7 @@ def _on_circle(generator: np.random.Generator, axis: Array, spread_deg: float, t
 
 
 def _side(normal: Array, centre: Array, k: Array) -> str:
-    """Which side the truth is on: + (index 0) of the candidates of the true camera, or -."""
+    """The side of the true candidate: + (index 0) of the candidates of the true camera, or -."""
     exact = ellipse_of_conic(conic_of_circle(camera_from_marker_of(normal, centre), RADIUS_M, k))
     poses = poses_from_ellipse(exact, k, RADIUS_M)
     return "same_side" if _nearer(poses.normal, normal) == 0 else "opposite_side"
@@ -159,7 +159,7 @@ def _visible(normal: Array, centre: Array) -> bool:
 
 
 def _shape_cov(ellipse: Array, sigma_px: float) -> Array:
-    """Covariance of (x, y, S11, S12, S22) from one edge point a pixel."""
+    """Covariance of (x, y, S11, S12, S22) from one edge point per pixel."""
     points = ellipse_points(ellipse, max(16, round(float(ellipse_perimeter_px(ellipse)))))
     _, normal, u = foot_points(ellipse, points)
     rows = np.stack(
@@ -169,12 +169,12 @@ def _shape_cov(ellipse: Array, sigma_px: float) -> Array:
 
 
 def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] | None:
-    """A small image with a print inside the marker, measured as the solver does."""
+    """A small image with a pattern inside the marker, measured like the solver does."""
     k, uncertain = _cameras(generator, kind.endswith("_default"))
     far = "_far" in kind
-    # A mark declares nothing of the normal: all directions are alike, and what is seen of them is left to the image.
+    # A cue on the print declares nothing about the normal: all directions are equally likely, and the image decides.
     normal = normal_of(np.degrees(np.arccos(generator.uniform(0, 1))), generator.uniform(-180, 180))
-    near = 5 if kind.startswith(("centre", "inner")) else 12  # drawing a large print takes a second
+    near = 5 if kind.startswith(("centre", "inner")) else 12  # rendering a large print takes a second
     centre = _centre(generator, k, (25, 60) if far else (near, 50))
     if not _visible(normal, centre):
         return None
@@ -206,7 +206,7 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
     fit = fit_ellipse(around.points_px, around.sigma_px)
     if isinstance(fit, FailedFit):
         return None
-    # The crop has its own pixel coordinates: camera and ellipse are moved there.
+    # The crop has its own pixel coordinates: transform camera and ellipse to them.
     k_crop = uncertain.camera.K.copy()
     k_crop[:2, 2] -= corner
     crop = UncertainCamera(Camera(size, size, k_crop), uncertain.focal_sigma, uncertain.principal_sigma_px)
@@ -217,12 +217,12 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
 
 
 def tick(x: Array, y: Array) -> Array:
-    """Paper in the ink: the tick of `disc_with_tick`."""
+    """Paper inside the ink: the tick of `disc_with_tick`."""
     return ((x > 0.5) & (x < 0.9) & (np.abs(y) < 0.06)) * 1.0
 
 
 def patches(x: Array, y: Array) -> Array:
-    """Three squares of paper and a dot in the ink: no symmetry."""
+    """Three paper squares and a dot inside the ink, without symmetry."""
     out = np.hypot(x + 0.1, y - 0.15) < 0.12
     for cx, cy, half in ((0.45, 0.0, 0.16), (-0.35, -0.4, 0.14), (-0.2, 0.55, 0.1)):
         out |= (np.abs(x - cx) < half) & (np.abs(y - cy) < half)
@@ -233,7 +233,7 @@ PATTERNS = {tick: pattern_of(tick), patches: pattern_of(patches)}
 
 
 def printed(reflectance: Any, pose: Array, k: Array, corner: Array, size: int) -> Array:
-    """Reflectance over the finer grid, each cell by 5 points; true pose and camera."""
+    """Reflectance on the finer grid, 5 points per cell; true pose and camera."""
     n, c = pose[:3, 2], pose[:3, 3]
     at = (np.arange(FINE * size) + 0.5) / FINE - 0.5
     total = np.zeros((FINE * size, FINE * size))
@@ -247,7 +247,7 @@ def printed(reflectance: Any, pose: Array, k: Array, corner: Array, size: int) -
 
 
 def exposed(ideal: Array, noise_dn: tuple[float, float], generator: np.random.Generator) -> NDArray[np.uint8]:
-    """What a camera makes of the finer grid: blurred, averaged over each pixel, noisy, 8 bit."""
+    """Camera image of the finer grid: blurred, averaged over each pixel, with noise, 8 bits."""
     size = len(ideal) // FINE
     soft = gaussian_filter(ideal, FINE * generator.uniform(0.3, 1.0), mode="nearest")
     image = soft.reshape(size, FINE, size, FINE).mean(axis=(1, 3))

@@ -1,8 +1,8 @@
-"""simittag's and pycalib's closed form of a circle's pose beside ours: the same numbers, and their time.
+"""Compare the closed forms of a circle's pose in simittag and pycalib with Roundel's: agreement and run time.
 
-Both count pixels as OpenCV does (the centre of the top-left pixel is 0), take the full axes of an ellipse, and know no
-order of the two poses: they are matched by their normals here. simittag gives lengths in radii and a homography a pose,
-pycalib assumes square pixels without skew. Where one differs from ours, mpmath says who is right.
+Both use OpenCV's pixel coordinates (the centre of the top-left pixel is 0) and the full axes of an ellipse, and do not
+order the two poses: they are matched by their normals here. simittag gives lengths in radii and a homography per pose;
+pycalib assumes square pixels without skew. Where one differs from ours, mpmath decides which is correct.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ TOLERANCE = 1e-6
 def find_peers() -> dict[str, str]:
     """Versions of the peers that can be imported: from `make peers-env`'s folder, or this environment."""
     if PEERS_FOLDER.is_dir() and str(PEERS_FOLDER) not in sys.path:
-        sys.path.append(str(PEERS_FOLDER))  # last: numpy and OpenCV stay Roundel's
+        sys.path.append(str(PEERS_FOLDER))  # last, so that numpy and OpenCV remain Roundel's
     spec = importlib.util.find_spec("pycalib")
     if spec is not None and "pycalib" not in sys.modules:
-        # The package's own __init__ imports scikit-image, pandas and yaml, none of which its closed form touches.
+        # The package's own __init__ imports scikit-image, pandas and yaml, which its closed form does not use.
         package = types.ModuleType("pycalib")
         package.__path__, package.__spec__ = list(spec.submodule_search_locations or ()), spec
         sys.modules["pycalib"] = package
@@ -47,7 +47,7 @@ def find_peers() -> dict[str, str]:
 
 
 def opencv_ellipse(ellipse: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """x, y, a, b, angle as `cv2.fitEllipse` would say it: full axes, the angle that of the first."""
+    """x, y, a, b, angle in the convention of `cv2.fitEllipse`: full axes, and the angle of the first."""
     x, y, a, b, angle = (float(v) for v in ellipse)
     return (x, y), (2 * a, 2 * b), angle
 
@@ -59,7 +59,7 @@ def ours(ellipse: Any, k: Array, radius: float) -> Poses:
 
 
 def simittag(ellipse: Any, k: Array, radius: float) -> Poses:
-    """What a user of simittag does: the homographies, then their decomposition."""
+    """The calls of a simittag user: the homographies, then their decomposition."""
     from simittag import pose
 
     found = [pose.decompose_H(h, k) for h in pose.pose_homographies(ellipse, k)]
@@ -79,7 +79,7 @@ CLOSED_FORMS: dict[str, ClosedForm] = {"simittag": simittag, "pycalib": pycalib}
 def random_scene(
     generator: np.random.Generator, distance_D: tuple[float, float] = (5, 50)
 ) -> tuple[Array, Array, float, Array]:
-    """Conic, ellipse, radius and K of a circle up to 30 degrees off axis and 75 of tilt."""
+    """Conic, ellipse, radius and K of a circle up to 30 degrees off axis, with up to 75 degrees of tilt."""
     while True:
         f = generator.uniform(600, 2000)
         k = np.array([[f, 0, generator.uniform(300, 1000)], [0, f, generator.uniform(200, 600)], [0, 0, 1.0]])
@@ -95,14 +95,14 @@ def random_scene(
 
 
 def toward_camera(poses: Poses) -> tuple[Poses, int]:
-    """Poses with normals to the camera, and how many had to be turned: the pose of a marker is its printed face's."""
+    """Poses with normals toward the camera, and how many were flipped: a marker's normal is its printed face's."""
     normals, centres = poses
     away = np.sum(normals * centres, axis=-1) > 0
     return (np.where(away[:, None], -normals, normals), centres), int(np.count_nonzero(away))
 
 
 def difference(one: Poses, other: Poses) -> float:
-    """Largest difference of two pairs of poses, matched by their normals: rad, or a fraction of the distance."""
+    """Largest difference of two pairs of poses, matched by their normals: rad, or as a fraction of the distance."""
     if one[0].shape != other[0].shape:
         return np.inf
     out = []
@@ -114,7 +114,7 @@ def difference(one: Poses, other: Poses) -> float:
 
 
 def exact(ellipse: Array, k: Array, radius: float) -> Poses:
-    """The errata's closed form by mpmath's eigenvalues, to 50 digits: who is right where two differ."""
+    """The errata's closed form with mpmath's eigenvalues, to 50 digits: the reference where two forms differ."""
     import mpmath as mp
 
     with mp.workdps(50):
@@ -145,7 +145,7 @@ def exact(ellipse: Array, k: Array, radius: float) -> Poses:
 
 
 def equality(names: list[str], count: int) -> list[str]:
-    """Markdown: the largest differences over random poses, and who is right where one is above the tolerance."""
+    """Markdown: largest differences over random poses, and which form is correct if one is above the tolerance."""
     scenes = [random_scene(np.random.default_rng([41, i])) for i in range(count)]
     forms = {"ours, from the ellipse": ours, **{name: CLOSED_FORMS[name] for name in names}}
     out = [
@@ -193,7 +193,7 @@ def small_circles(names: list[str], count: int) -> list[str]:
 
 
 def speed(names: list[str], repeats: int) -> list[str]:
-    """Markdown: microseconds a pose, the least of many repeats taken in turn; batched over 100,000."""
+    """Markdown: microseconds per pose, minimum of many interleaved repeats; batched over 100,000."""
     conic, ellipse, radius, k = random_scene(np.random.default_rng(1))
     given = opencv_ellipse(ellipse)
     calls: dict[str, tuple[Callable[[], Any], int, int]] = {

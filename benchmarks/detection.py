@@ -1,11 +1,11 @@
-"""How many circles are found: recall at each level of each nuisance, and what is found that is none.
+"""Detection benchmark: recall at each level of each nuisance, and false positives.
 
     python benchmarks/detection.py [WORK] [--studies noise,defocus,...] [--beyond] [--json FILE]
 
-WORK (default out/bench-detection) holds a dataset for each study, rendered when it is missing. Found means: the centre
-within 2 px plus a tenth of the semi-minor axis, and both semi-axes within 10 % plus 1 px, of the ellipse through the
-true contour in the image. Whatever else is detected is false, unless it is a disc of the study's clutter; it is
-counted a frame, and once more with a confidence of at least one half.
+WORK (default out/bench-detection) holds a dataset for each study, rendered if it is missing. A circle counts as
+detected if the centre is within 2 px plus a tenth of the semi-minor axis, and both semi-axes are within 10 % plus 1 px,
+of the ellipse through the true contour in the image. Every other detection is a false positive, unless it is a disc of
+the study's clutter. False positives are counted per frame, and again for a confidence of at least one half.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ NUISANCES = (
     "off_axis",
     "jpeg",
 )
-# Levels beyond those of the shipped studies, to see where each nuisance ends: --beyond renders and adds them. What else
-# has to change for them stands beside them: a longer exposure wants a longer frame.
+# Levels beyond those of the shipped studies, to find where detection fails: --beyond renders and adds them. Other keys
+# that must change with them are listed, too: a longer exposure needs a longer frame time.
 BEYOND: dict[str, tuple[list[float], dict[str, float]]] = {
     "noise": ([125, 60, 30, 15, 8], {}),
     "defocus": ([1.4, 1.0, 0.7, 0.5, 0.35], {}),
@@ -67,7 +67,7 @@ THREADS = 2
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one frame: its markers found, confidence of each, and the confidences of what is false."""
+    """Result of one frame: its detected markers with their confidences, and the confidences of false positives."""
 
     frame_id: int
     group: str
@@ -79,14 +79,14 @@ class Outcome:
 
 
 def same(one: Array, other: Array) -> bool:
-    """The criterion of this benchmark."""
+    """Whether a detection matches the truth by the criterion of this benchmark."""
     b = float(other[3])
     centre = float(np.hypot(*(one[:2] - other[:2])))
     return centre <= 2.0 + 0.1 * b and bool(np.all(np.abs(one[2:4] - other[2:4]) <= 1.0 + 0.1 * other[2:4]))
 
 
 def true_ellipses(rows: Iterable[dict[str, Any]]) -> list[Array]:
-    """Ellipses through the true contours, lens distortion and all."""
+    """Ellipses through the true contours, including lens distortion."""
     out = []
     for row in rows:
         if row["radius_m"] is None:
@@ -99,7 +99,7 @@ def true_ellipses(rows: Iterable[dict[str, Any]]) -> list[Array]:
 
 
 def clutter_ellipses(frame: Frame) -> list[Array]:
-    """Discs of the wall's clutter: circles as well, of which the truth has no rows."""
+    """Discs of the wall's clutter: also circles, but without rows in the truth."""
     clutter = frame.sheet.clutter
     if clutter is None:
         return []
@@ -130,13 +130,13 @@ def clutter_ellipses(frame: Frame) -> list[Array]:
             disc[:3, 3] = pose[:3, :3] @ np.array([at[0], at[1], 0.0]) * 1.0 * clutter.cell_m + pose[:3, 3]
             try:
                 out.append(ellipse_of_conic(conic_of_circle(disc, half * clutter.cell_m, frame.camera.K)))
-            except ValueError:  # it reaches behind the camera
+            except ValueError:  # it extends behind the camera
                 continue
     return out
 
 
 def judge(detections: list[Detection], truth: list[Array], others: list[Array]) -> tuple[list[float], list[float]]:
-    """Confidence of each true marker (-1: not found), and of each false detection."""
+    """Confidence of each true marker (-1: not detected), and of each false positive."""
     left = list(range(len(detections)))
     found = []
     for ellipse in truth:
@@ -170,7 +170,7 @@ def outcomes(dataset: Dataset) -> list[Outcome]:
 
 
 def level_of_recall(levels: list[float], recalls: list[float], wanted: float = WANTED_RECALL) -> float | None:
-    """Where recall first falls to `wanted`, linearly between two levels; None where it never does."""
+    """Level at which recall first falls to `wanted`, linearly interpolated; None if it never does."""
     for i, recall in enumerate(recalls):
         if recall <= wanted:
             if i == 0 or recalls[i - 1] == recall:
@@ -181,7 +181,7 @@ def level_of_recall(levels: list[float], recalls: list[float], wanted: float = W
 
 
 def table_of(name: str, key: str, found: list[Outcome]) -> tuple[str, dict[str, Any]]:
-    """One study as text and as numbers: a line a level (a group, where nothing is swept)."""
+    """One study as text and as numbers: one line per level (per group without a sweep)."""
     swept = any(o.level is not None for o in found)
     cells: dict[Any, list[Outcome]] = {}
     for outcome in found:
@@ -221,7 +221,7 @@ def table_of(name: str, key: str, found: list[Outcome]) -> tuple[str, dict[str, 
 
 
 def dataset_of(name: str, work: Path, beyond: bool) -> Dataset:
-    """The dataset of a shipped study, or of its levels beyond, in the work folder; rendered when it is missing."""
+    """The dataset of a shipped study, or of its harder levels, in the work folder; rendered if it is missing."""
     path = work / (f"{name}_beyond" if beyond else name)
     if not (path / MANIFEST).is_file():
         from roundel.render.run import render_study
@@ -245,7 +245,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("work", nargs="?", type=Path, default=Path("out/bench-detection"))
     parser.add_argument("--studies", default=",".join(NUISANCES))
-    parser.add_argument("--beyond", action="store_true", help="harder levels too")
+    parser.add_argument("--beyond", action="store_true", help="also run harder levels")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     told = []

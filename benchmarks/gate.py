@@ -1,15 +1,16 @@
-"""What the gate is worth: false alarms, a loss of 5 %, planted bugs, no samples; on the shipped benchmark.
+"""Error rates of the gate on the shipped benchmark: false alarms, a loss of 5 %, planted bugs, no samples.
 
     OMP_NUM_THREADS=1 python benchmarks/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
 
-Renders configs/benchmark.yaml unless FOLDER/dataset is there, and solves copies of it with fresh sensor noise, one
-after another (one core; a copy has 3,000 frames). It can be stopped at any time, and goes on where it stopped.
+Renders configs/benchmark.yaml unless FOLDER/dataset exists, and solves copies of it with fresh sensor noise, one after
+another (one core; a copy has 3,000 frames). You can stop it at any time; it resumes where it stopped.
 
 - False alarms: copies against copies, all with the study's sensor.
-- A loss: the read noise raised until the RMS error of the pose has risen by 5 %, such copies against the others. Its
-  level comes from one copy with the same random numbers at two levels, and the rise is then measured on all copies.
-- Every pair of whole copies is compared; pairs share copies and are not independent. Therefore also disjoint pairs, and
-  mixed comparisons: each draws for each frame anew which two copies stand on its two sides.
+- A loss: the read noise is raised until the RMS error of the pose has risen by 5 %, and such copies are compared with
+  the others. The level comes from one copy with the same random numbers at two levels; the rise is then measured on all
+  copies.
+- Every pair of whole copies is compared. Pairs share copies and are not independent; therefore there are also disjoint
+  pairs, and mixed comparisons, which draw for each frame which two copies are compared.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ from roundel.validate.statistics.intervals import wilson_interval
 
 STUDY = Path(__file__).parents[1] / "configs" / "benchmark.yaml"
 RISE = 1.05
-FIRST_WORSE = 1000  # numbers of the noisier copies: none has the noise of another copy
-PILOT_READ_E = 21.8  # where shot noise and quantisation alone would put it
+FIRST_WORSE = 1000  # indices of the noisier copies, so that no two copies share their noise
+PILOT_READ_E = 21.8  # the value for shot noise and quantisation alone
 
 
 def rms(copy: Baseline, column: str, bound: str | None) -> float:
-    """RMS of an error over its bounds, of one copy."""
+    """RMS of an error relative to its bounds, for one copy."""
     values = floats(copy.rows, column) / (floats(copy.rows, bound) if bound else 1.0)
     return float(np.sqrt(np.nanmean(values**2)))
 
 
 def read_noise_of_the_loss(source: Source, folder: Path, plain: Baseline) -> float:
-    """Read noise, electrons, that raises the RMS error of the pose by 5 %: its square is linear in the noise's."""
+    """Read noise, electrons, that raises the RMS error of the pose by 5 %; squared error is linear in squared noise."""
     (pilot,) = copies(source, folder, [0], PILOT_READ_E)
     ratio = (rms(pilot, QUANTITIES[0].column, None) / rms(plain, QUANTITIES[0].column, None)) ** 2
     own = source.frames[0].settings.sensor.read_noise_e
@@ -55,7 +56,7 @@ def read_noise_of_the_loss(source: Source, folder: Path, plain: Baseline) -> flo
 
 
 def mixed(new: list[Baseline], old: list[Baseline], count: int) -> Iterator[tuple[Baseline, Baseline]]:
-    """Pairs whose frames come from random copies, from two different ones where both sides have the same copies."""
+    """Pairs whose frames come from random copies, always two different ones if both sides draw from the same copies."""
     generator = np.random.default_rng(0)
     n = old[0].rows.num_rows
     tables = [pa.concat_tables([copy.rows for copy in side]).combine_chunks() for side in (new, old)]
@@ -70,7 +71,7 @@ def mixed(new: list[Baseline], old: list[Baseline], count: int) -> Iterator[tupl
 
 
 def tally(pairs: Iterator[tuple[Baseline, Baseline]]) -> tuple[int, int, dict[str, int]]:
-    """Comparisons, how many ended red, and by which checks."""
+    """Number of comparisons, how many failed, and by which checks."""
     n = red = 0
     names: dict[str, int] = {}
     for new, old in pairs:
@@ -97,7 +98,7 @@ def statistics(source: Source, options: argparse.Namespace) -> Iterator[str]:
     plain = copies(source, folder, range(options.copies))
     noise = read_noise_of_the_loss(source, folder, plain[0])
     worse = copies(source, folder, range(FIRST_WORSE, FIRST_WORSE + options.worse), noise)
-    head = ["| comparisons | number | red | rate (Wilson, 95 %) | by |", "|---|---|---|---|---|"]
+    head = ["| comparisons | number | failed | rate (Wilson, 95 %) | by |", "|---|---|---|---|---|"]
     yield from [f"## False alarms: {len(plain)} copies of {plain[0].rows.num_rows} frames, fresh noise", "", *head]
     yield row("mixed", mixed(plain, plain, options.comparisons))
     yield row("every pair of copies", combinations(plain, 2))
@@ -121,23 +122,23 @@ def bugs(source: Source, options: argparse.Namespace) -> Iterator[str]:
     """Tables of planted bugs and of reports without samples."""
     (fresh,) = copies(source, Path(options.folder) / "copies", [0])
     folder = Path(options.folder) / "bugs"
-    yield from ["## Planted bugs: exit code of `roundel gate`, and what was worse", ""]
+    yield from ["## Planted bugs: exit status of `roundel gate`, and the checks that failed", ""]
     yield from ["| bug | same images | | fresh noise | |", "|---|---|---|---|---|"]
     for name, code, checks, other_code, other in verdicts(source.path, folder, fresh):
         yield f"| {name} | {code} | {checks} | {other_code} | {other} |"
-    yield from ["", "## No samples", "", "| case | exit code | the line |", "|---|---|---|"]
+    yield from ["", "## No samples", "", "| case | exit status | message |", "|---|---|---|"]
     for case, code, line in zero_samples(source.path, folder):
         yield f"| {case} | {code} | {line.replace(str(folder), '...')} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", default="out/gate", help="for dataset, copies and reports")
-    parser.add_argument("--copies", type=int, default=12, help="with the study's sensor")
-    parser.add_argument("--worse", type=int, default=10, help="with the noise of a 5 %% loss")
-    parser.add_argument("--comparisons", type=int, default=1000, help="mixed ones, of each sort")
-    parser.add_argument("--only", choices=("statistics", "bugs"), help="one half")
-    parser.add_argument("--out", help="write the tables to this file, too")
+    parser.add_argument("--folder", default="out/gate", help="folder for dataset, copies and reports")
+    parser.add_argument("--copies", type=int, default=12, help="number of copies with the study's sensor")
+    parser.add_argument("--worse", type=int, default=10, help="number of copies with the noise of a 5 %% loss")
+    parser.add_argument("--comparisons", type=int, default=1000, help="number of mixed comparisons of each kind")
+    parser.add_argument("--only", choices=("statistics", "bugs"), help="run only this half")
+    parser.add_argument("--out", help="also write the tables to this file")
     options = parser.parse_args()
     import cv2
 

@@ -1,6 +1,6 @@
-"""Bugs planted in the solver, and what `roundel gate` says to each: on the same images, and on fresh noise.
+"""Bugs planted in the solver, and the result of `roundel gate` for each: on the same images, and on fresh noise.
 
-Images are looked at and fitted once; what was fitted then goes through the solver again, with a bug behind the fit.
+Detection and fitting run once; the fits then go through the solver again, with a bug after the fit.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Fit = EllipseFit | FailedFit
 
 
 class Memory:
-    """Detections and fits of estimates that were made before, frame by frame in their order."""
+    """Detections and fits of existing estimates, frame by frame in their order."""
 
     def __init__(self, estimates: pa.Table) -> None:
         self.frames: dict[int, list[Any]] = {}
@@ -70,7 +70,7 @@ def _turned(matrix: list[list[float]]) -> Callable[[Estimate], Estimate]:
     return lambda e: e if e.normal is None else replace(e, normal=e.normal @ m.T)
 
 
-# Name: what is done to each fit (with the count of fits so far), what to each estimate.
+# Name: change of each fit (given the number of fits so far), change of each estimate.
 BUGS: dict[str, tuple[Callable[[Fit, int], Fit] | None, Callable[[Estimate], Estimate] | None]] = {
     "none": (None, None),
     "sign of the normal's x flipped": (None, _turned([[-1, 0, 0], [0, 1, 0], [0, 0, 1]])),
@@ -87,7 +87,7 @@ BUGS: dict[str, tuple[Callable[[Fit, int], Fit] | None, Callable[[Estimate], Est
 
 @contextlib.contextmanager
 def planted(memory: Memory, name: str) -> Iterator[None]:
-    """The solver with a bug in it."""
+    """The solver with a planted bug."""
     on_fit, on_estimate = BUGS[name]
     count = iter(range(10**9))
 
@@ -108,7 +108,7 @@ def planted(memory: Memory, name: str) -> Iterator[None]:
 
 
 def said(*arguments: str) -> tuple[int, list[str]]:
-    """Exit code of the `roundel` command, and the lines that it printed."""
+    """Exit status of the `roundel` command, and its output lines."""
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         code = roundel(list(arguments))
@@ -116,7 +116,7 @@ def said(*arguments: str) -> tuple[int, list[str]]:
 
 
 def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str, int, str, int, str]]:
-    """For each bug: exit code and failed checks on the same images, then the same against another copy's noise.
+    """For each bug: exit status and failed checks on the same images, then against another copy's noise.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str
     folder : path
         Estimates and reports are written here.
     fresh : Baseline
-        Scores of a copy with other noise.
+        Scores of a copy with different noise.
     """
     clean = folder / "clean"
     if not (clean / ESTIMATES).is_file():
@@ -151,7 +151,7 @@ def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str
 
 
 def _failed(lines: list[str]) -> str:
-    """The checks that were worse, by name; or the error."""
+    """Names of the checks that failed, or the error."""
     worse = [line.split(": ", 1)[1] for line in lines if line.startswith("worse")]
     if not worse:
         return next((line.split(": ", 1)[1] for line in lines if line.startswith("roundel:")), "")
@@ -159,7 +159,7 @@ def _failed(lines: list[str]) -> str:
 
 
 def zero_samples(dataset: Path, folder: Path) -> list[tuple[str, int, str]]:
-    """What is said to reports without samples: (case, exit code, the line). After `verdicts`, on its files."""
+    """Results for reports without samples: (case, exit status, message). Runs after `verdicts`, on its files."""
     report, baseline = folder / "bug-0" / "report", folder / "same.parquet"
     table = pq.read_table(folder / "clean" / ESTIMATES)
     cases = []
@@ -175,7 +175,7 @@ def zero_samples(dataset: Path, folder: Path) -> list[tuple[str, int, str]]:
     pq.write_table(nothing, failed)
     assert said("validate", str(dataset), str(failed), "--out", str(folder / "failed" / "report"))[0] == 0
     code, lines = said("gate", str(folder / "failed" / "report"), "--baseline", str(baseline))
-    cases.append(("a report in which nothing is solved", code, lines[-1]))
+    cases.append(("a report without any pose", code, lines[-1]))
     rows = baseline_of_report(report)
     write_baseline(replace(rows, rows=rows.rows.slice(0, 0)), folder / "none.parquet")
     code, lines = said("gate", str(report), "--baseline", str(folder / "none.parquet"))

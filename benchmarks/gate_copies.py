@@ -1,7 +1,7 @@
-"""Copies of the gate's benchmark: the same radiance with fresh sensor noise, solved and scored as users do it.
+"""Copies of the gate's benchmark: the same radiance with fresh sensor noise, solved and scored like a user would.
 
-A copy is a folder with its estimates and its scores (a baseline file, as the gate reads it). What is there is kept: a
-run that was stopped goes on, and a new definition of a metric costs no solving.
+A copy is a folder with its estimates and its scores (a baseline file, as the gate reads it). Existing results are kept:
+an interrupted run resumes, and a new definition of a metric needs no solving.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ EXTENT_D = 3.0
 
 @dataclass(frozen=True)
 class Source:
-    """A rendered dataset whose frames can be developed again; its planes are read once and kept."""
+    """A rendered dataset whose frames can be developed (re-exposed) again; its planes are read once and cached."""
 
     path: Path
     dataset: Dataset
@@ -53,12 +53,12 @@ class Source:
 
     @cached_property
     def targets(self) -> Targets:
-        """Every true circle."""
+        """All true circles."""
         return true_targets(self.dataset, EXTENT_D)
 
 
 def open_source(path: Path) -> Source:
-    """A finished dataset with its radiance."""
+    """Open a finished dataset that has its radiance."""
     dataset = open_dataset(path)
     study = load_study(path / files.STUDY)
     return Source(path, dataset, [frame_of(study, i) for i in dataset.images.frame_ids])
@@ -66,11 +66,11 @@ def open_source(path: Path) -> Source:
 
 @dataclass(frozen=True)
 class Renoised(Images):
-    """Images of a dataset with other noise: what `Images` would read is developed from the radiance instead."""
+    """Images of a dataset with different noise: developed from the radiance instead of read from files."""
 
     source: Source | None = None
     copy: int = 0
-    read_noise_e: float | None = None  # another one than the study's
+    read_noise_e: float | None = None  # instead of the study's
 
     def image(self, i: int) -> NDArray[Any]:
         assert self.source is not None
@@ -84,23 +84,23 @@ class Renoised(Images):
 
 
 def solve_copy(source: Source, folder: Path, images: Images) -> None:
-    """Estimates of a dataset's frames with other images, by the solver's public entrance; kept if there are any."""
+    """Estimates of a dataset's frames with other images, by the solver's public API; existing ones are kept."""
     if not (folder / ESTIMATES).is_file():
         with mock.patch.object(solve, "open_images", return_value=images):
             solve.solve_dataset(source.path, folder)
 
 
 def score_copy(source: Source, folder: Path, images: str) -> Baseline:
-    """Scores of the estimates in a folder, as a gate compares them; those of another metric version are made again.
+    """Scores of the estimates in a folder, as the gate compares them; recomputed if the metric version changed.
 
-    `images` says which pixels they come from: two copies are compared by statistics only if theirs differ.
+    `images` identifies their pixels: two copies are compared by statistics only if their pixels differ.
     """
     try:
         kept = read_baseline(folder / SCORES)
         if kept.metric_version == METRIC_VERSION and kept.images == images:
             return kept
     except RoundelError:
-        pass  # none yet, or of another version
+        pass  # none yet, or another version
     scores = score(source.dataset, source.targets, read_runs([folder / ESTIMATES], source.dataset))
     identity = str(source.dataset.manifest["dataset_id"]), images, "benchmark"
     made = Baseline(baseline_of_scores(scores.table), *identity, METRIC_VERSION, [])
@@ -115,16 +115,16 @@ def copies(
     read_noise_e: float | None = None,
     say: Callable[[str], None] = print,
 ) -> list[Baseline]:
-    """Scored copies with these numbers; the same number has the same noise, whatever its strength.
+    """Scored copies with these indices; the same index has the same noise pattern at any strength.
 
     Parameters
     ----------
     source : Source
     folder : path
-        One folder a copy is made here.
+        Each copy gets its own folder here.
     numbers : sequence of int
     read_noise_e : float, optional
-        Of the sensor; the study's without it.
+        Read noise of the sensor; default: the study's.
     """
     out = []
     for number in numbers:

@@ -1,9 +1,9 @@
-"""A thousand frames in one process: does it grow, does it slow down?
+"""Memory growth and slowdown over a thousand frames in one process.
 
     python benchmarks/memory.py [--quick] [--json FILE]
 
-Resident memory after 50 frames against that at the end (at most 50 MB more), and the time of the first hundred frames
-after that against the last hundred.
+Compares resident memory after 50 frames with that at the end (at most 50 MB more), and the time of the first hundred
+frames after that with the last hundred.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WARM, MOST_MB = 50, 50.0
 
 
 def resident_mb() -> float:
-    """Resident memory of this process now; where there is no /proc, the most it ever was."""
+    """Current resident memory of this process; its maximum so far if there is no /proc."""
     statm = Path("/proc/self/statm")
     if statm.is_file():
         return int(statm.read_text().split()[1]) * resource.getpagesize() / 2**20
@@ -69,8 +69,8 @@ def lines(result: dict[str, Any]) -> list[str]:
     return [
         f"{result['frames']} frames of 320x240 in one process: resident memory {result['warm_mb']:.0f} MB after {WARM} "
         f"frames, {result['last_mb']:.0f} MB after the last ({result['growth_mb']:+.1f} MB; allowed {MOST_MB:.0f}); "
-        f"median time of a frame {result['first_ms']:.0f} ms in the first {result['each']} after that, "
-        f"{result['last_ms']:.0f} ms in the last {result['each']}; mean processor time of a frame "
+        f"median time per frame {result['first_ms']:.0f} ms in the first {result['each']} after that, "
+        f"{result['last_ms']:.0f} ms in the last {result['each']}; mean processor time per frame "
         f"{result['first_cpu_ms']:.0f} and {result['last_cpu_ms']:.0f} ms."
     ]
 

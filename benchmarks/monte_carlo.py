@@ -1,11 +1,11 @@
-"""Edge points, ellipse, both poses, a thousand times: does the estimate reach its bound, and do its regions hold?
+"""Monte-Carlo test of edge points, ellipse and both poses: efficiency against the bound, and coverage of the regions.
 
     python benchmarks/monte_carlo.py [--runs 2000] [--fit batch|one] [--unbiased] [--json FILE]
 
-Points lie evenly along the contour (random phase), with isotropic Gaussian noise. The geometric fit is taken from the
-truth by Gauss-Newton for all runs at once; `--fit one` calls `fit_ellipse` for each (the same minimum:
-tests/solver/fit/test_monte_carlo.py). Of the two candidates the nearer one is judged. Regions: sigma comes from the
-residuals, so quantiles are those of F with n - 5 degrees of freedom; the normal's is decided in q
+Points are evenly spaced along the contour (random phase), with isotropic Gaussian noise. The geometric fit starts at
+the truth and uses Gauss-Newton for all runs at once; `--fit one` calls `fit_ellipse` for each (the same minimum:
+tests/solver/fit/test_monte_carlo.py). The candidate nearer to the truth is scored. For the regions sigma comes from the
+residuals, so the quantiles are those of F with n - 5 degrees of freedom; the region of the normal is evaluated in q
 (`solver.theory.pose_region`).
 """
 
@@ -30,9 +30,9 @@ from roundel.solver.theory.pose_region import quantile, squared_distances
 Array = NDArray[np.float64]
 
 K = np.array([[1280.0, 0.0, 639.5], [0.0, 1280.0, 359.5], [0.0, 0.0, 1.0]])
-RADIUS_M = 0.5  # so that a metre is a diameter
-# Sight of the marker, and the azimuths of its normal: on the axis all azimuths are alike; off it, 18.5 degrees at
-# 26.6, the tilt leads away from the line of sight, or across it.
+RADIUS_M = 0.5  # so that one metre is one diameter
+# Line of sight to the marker, and the azimuths of its normal: on the axis all azimuths are equivalent; off the axis, by
+# 18.5 degrees at azimuth 26.6, the tilt is away from the line of sight or across it.
 SIGHTS = {"on axis": ((0.0, 0.0, 1.0), (30.0,)), "off axis": ((6.0, 3.0, 20.0), (26.6, 116.6))}
 
 
@@ -49,7 +49,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Standard deviations and RMS errors over the bound, and how often the 95 % regions hold the truth."""
+    """Standard deviations and RMS errors relative to the bound, and how often the 95 % regions contain the truth."""
 
     count: int
     bound_normal_deg: float
@@ -76,7 +76,7 @@ def cases() -> list[Case]:
 
 
 def noisy_points(ellipse: Array, count: int, sigma_px: float, runs: int, generator: np.random.Generator) -> Array:
-    """Points (runs, count, 2), evenly spaced along the contour but for their noise."""
+    """Points (runs, count, 2), evenly spaced along the contour except for their noise."""
     t = np.linspace(0.0, 2 * np.pi, 4097)
     closed = ellipse_points(ellipse, 4096)[np.r_[0:4096, 0]]
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))])
@@ -85,15 +85,15 @@ def noisy_points(ellipse: Array, count: int, sigma_px: float, runs: int, generat
     s11, s12, s22 = shape_of_ellipse(ellipse)[2:]
     # The eccentric angle starts at the major axis; in the frame of the symmetric S it starts at x.
     u = u + np.radians(ellipse[4])
-    # S = Rot diag(a, b) Rot^T takes (cos, sin)(t + angle) to where Rot diag(a, b) takes (cos, sin)(t).
+    # S = Rot diag(a, b) Rot^T maps (cos, sin)(t + angle) to the same point as Rot diag(a, b) maps (cos, sin)(t).
     x, y = ellipse[0] + s11 * np.cos(u) + s12 * np.sin(u), ellipse[1] + s12 * np.cos(u) + s22 * np.sin(u)
     return np.stack([x, y], axis=-1) + generator.normal(0.0, sigma_px, (runs, count, 2))
 
 
 def fit_many(points: Array, start: Array) -> tuple[Array, Array, Array]:
-    """Least orthogonal distances for many sets of points (B, N, 2) at once, by Gauss-Newton from one ellipse.
+    """Orthogonal-distance fits for many sets of points (B, N, 2) at once, by Gauss-Newton from one ellipse.
 
-    Returns shapes (B, 5), their covariances (B, 5, 5) and whether each settled (B,).
+    Returns shapes (B, 5), their covariances (B, 5, 5) and whether each converged (B,).
     """
     theta = np.tile(shape_of_ellipse(start), (len(points), 1))
     settled = np.zeros(len(points), dtype=bool)
@@ -214,9 +214,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--fit", choices=["batch", "one"], default="batch")
-    parser.add_argument("--unbiased", action="store_true", help="take out the bias of isotropic noise")
-    parser.add_argument("--json", type=Path, help="write the table here, too")
-    parser.add_argument("--only", default="", help="cases whose line holds this text")
+    parser.add_argument("--unbiased", action="store_true", help="remove the bias of isotropic noise")
+    parser.add_argument("--json", type=Path, help="also write the table here")
+    parser.add_argument("--only", default="", help="only cases whose line contains this text")
     arguments = parser.parse_args()
     print("view      azim tilt   r/D sigma points    N |  bound deg   std   rms cover | bound D    std   rms cover")
     rows, outside = [], 0

@@ -1,4 +1,4 @@
-"""Roundel's own frames: seconds, rays, and two images of different seeds to measure.
+"""Roundel's own frames: seconds, rays, and two images with different seeds to measure.
 
     python ours.py JOB.json
 
@@ -29,7 +29,7 @@ from roundel.scenes.world.frame import Frame, frame_of, total_frames
 
 
 def clock(work: Callable[[], Any]) -> tuple[float, float]:
-    """Wall and processor seconds of one call, all threads counted."""
+    """Wall and processor seconds of one call, over all threads."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - wall, time.process_time() - cpu
@@ -51,7 +51,7 @@ def main() -> None:
     rays = RayCounter()
 
     def labelled(count: int, exr: bool) -> list[tuple[float, float]]:
-        """What `roundel render` does, journal and truth included: seconds from one finished frame to the next."""
+        """The work of `roundel render`, including journal and truth: seconds from one finished frame to the next."""
         frames = (frame_of(study, i % total) for i in range(count + 2))
         ticks, counts = [], []
         for entry, _ in render_frames((f if exr else without_exr(f) for f in frames), out):
@@ -60,7 +60,7 @@ def main() -> None:
             ticks.append((time.perf_counter(), time.process_time()))
             counts.append(rays.rays)
         counted.extend(np.diff(counts)[:count].tolist())
-        # The last frame has no next one traced beside it.
+        # No next frame is traced in parallel with the last one.
         return [tuple(pair) for pair in np.diff(ticks, axis=0)[:count]]
 
     first, _ = clock(lambda: render_frame(frame_of(study, 0), out))
@@ -76,7 +76,7 @@ def main() -> None:
         at = frame_of(study, i % total)
         seconds["radiance"].append(clock(lambda at=at: render_radiance(mi, at)))
     general_rays = 0
-    # The same frame through Mitsuba's own integrator, as any scene goes that has no closed form.
+    # The same frame with Mitsuba's own integrator, as for any scene without a closed form.
     if job["general"]:
         radiance_module.is_plain = lambda _: False
         rays.rays = 0

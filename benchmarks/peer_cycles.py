@@ -1,9 +1,9 @@
-"""The benchmark's scene in Cycles. Runs in an interpreter that has `bpy`, and imports nothing of Roundel.
+"""The benchmark's scene in Cycles. Runs in an interpreter that has `bpy`, and imports nothing from Roundel.
 
     python peer_cycles.py JOB.json
 
 JOB has `scene` (reference.scene_numbers), `renders`: a list of {threshold, min_samples, samples, seed, window, out},
-and `result`: where the wall and processor seconds of each go. `min_samples` 0 is Cycles' own choice.
+and `result`: the file for the wall and processor seconds of each. `min_samples` 0 is Cycles' own choice.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def print_mesh(bpy: Any, scene: dict[str, Any]) -> Any:
     for i in range(_SEGMENTS):
         c, s = math.cos(2 * math.pi * i / _SEGMENTS), math.sin(2 * math.pi * i / _SEGMENTS)
         circle.append((scene["radius_m"] * c, scene["radius_m"] * s, 0.0))
-        # The same direction, out to the sheet's border: angles that are multiples of 45 degrees hit its corners.
+        # The same direction, out to the sheet's border: multiples of 45 degrees hit its corners.
         reach = min((x1 if c > 0 else -x0) / max(abs(c), 1e-12), (y1 if s > 0 else -y0) / max(abs(s), 1e-12))
         border.append((reach * c, reach * s, 0.0))
     half = scene["wall_half_m"]
@@ -93,8 +93,8 @@ def build(bpy: Any, scene: dict[str, Any]) -> Any:
     lamp = scene["lamp"]
     light = bpy.data.lights.new("lamp", "AREA")
     light.shape, light.size = "SQUARE", lamp["size_m"]
-    # Blender's watts: radiance times pi times area, that of a one-sided Lambertian emitter. Its lamps do not hide the
-    # sky behind them, ours do: with the sky's radiance taken off, both light the sheet alike.
+    # Blender's watts: radiance times pi times area, as for a one-sided Lambertian emitter. Its lamps do not hide the
+    # sky behind them, ours do: with the sky's radiance subtracted, both illuminate the sheet equally.
     light.energy = (lamp["radiance"] - scene["environment"]) * math.pi * lamp["size_m"] ** 2
     placed = bpy.data.objects.new("lamp", light)
     position = flip @ Vector((*lamp["position_m"], 1.0))
@@ -113,7 +113,7 @@ def build(bpy: Any, scene: dict[str, Any]) -> Any:
 
 
 def settle(stage: Any, scene: dict[str, Any], threads: int) -> None:
-    """What all renders share: CPU, no denoiser, adaptive sampling, box filter of one pixel, linear float EXR."""
+    """Settings of all renders: CPU, no denoiser, adaptive sampling, box filter of one pixel, linear float EXR."""
     cycles, render = stage.cycles, stage.render
     cycles.device = "CPU"
     cycles.use_denoising = False
@@ -123,10 +123,10 @@ def settle(stage: Any, scene: dict[str, Any], threads: int) -> None:
     cycles.max_bounces = cycles.diffuse_bounces = 0  # direct light; the sky counts as such
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.use_light_tree = False  # one lamp: nothing to choose among
+    cycles.use_light_tree = False  # one lamp: there is nothing to select
     cycles.use_auto_tile = False
     render.threads_mode, render.threads = "FIXED", threads
-    # Data that persist between renders would keep the first one's count of samples (seen with bpy 5.0.1).
+    # Persistent data would keep the sample count of the first render (seen with bpy 5.0.1).
     render.use_persistent_data = False
     render.resolution_x, render.resolution_y = scene["width_px"], scene["height_px"]
     render.resolution_percentage = 100

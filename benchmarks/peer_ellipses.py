@@ -1,7 +1,7 @@
-"""The ellipse of one marker as each program finds it in an image, and the error of the pose that follows.
+"""The ellipse of one marker as detected by each program, and the error of the resulting pose.
 
-Each program is given its own best ellipse: of all that it finds the one nearest to the truth, so that only how well it
-measures is compared, not whether it picks. Its pose is its own closed form's; where there are two, the better one.
+For each program the ellipse nearest to the truth is used, so that only measurement accuracy is compared, not selection.
+The pose is that of the program's own closed form; if there are two, the better one.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 OpenCVEllipse = tuple[tuple[float, float], tuple[float, float], float]
 
-_FOUND_CENTRE, _FOUND_SIZE = 0.25, 0.3  # of the major semi-axis, and of either axis: nearer is the marker
+_FOUND_CENTRE, _FOUND_SIZE = 0.25, 0.3  # of the major semi-axis, and of either axis: an ellipse closer is the marker
 
 
 @dataclass(frozen=True)
 class Program:
-    """One way from an image to ellipses, and from an ellipse to poses."""
+    """A method from an image to ellipses, and from an ellipse to poses."""
 
     name: str
     ellipses: Callable[[Grey, Any], list[OpenCVEllipse]]
@@ -40,7 +40,7 @@ class Program:
 
 @dataclass(frozen=True)
 class Error:
-    """One frame's error by one program; NaN where it found no ellipse of the marker."""
+    """Error of one program in one frame; NaN if it found no ellipse of the marker."""
 
     level: str
     normal_deg: float
@@ -50,13 +50,13 @@ class Error:
 
 
 def otsu(grey: Grey, _: Any) -> list[OpenCVEllipse]:
-    """Threshold, contours, `cv2.fitEllipse`: what tutorials do, and what pycalib's documentation asks for."""
+    """Threshold, contours, `cv2.fitEllipse`, as in tutorials and in pycalib's documentation."""
     _, binary = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     return _of_contours(binary)
 
 
 def canny(grey: Grey, _: Any) -> list[OpenCVEllipse]:
-    """The same on Canny's edges, its upper threshold Otsu's and the lower half of it."""
+    """The same on Canny edges; the upper threshold is Otsu's and the lower half of it."""
     level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     return _of_contours(cv2.Canny(grey, level / 2, level))
 
@@ -72,12 +72,12 @@ def edge_drawing(grey: Grey, _: Any) -> list[OpenCVEllipse]:
     drawing.detectEdges(grey)
     found = drawing.detectEllipses()
     rows = [] if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 6)
-    # A circle comes as r > 0 and a = b = 0.
+    # A circle is returned as r > 0 and a = b = 0.
     return [((x, y), (2 * (a + r), 2 * (b + r)), angle) for x, y, r, a, b, angle in rows]
 
 
 def simittag_ellipses(grey: Grey, k: Array) -> list[OpenCVEllipse]:
-    """Its detector's outer contours, refined, before it asks for a code: the front end of `detect_markers`."""
+    """The detector's refined outer contours before decoding: the front end of `detect_markers`."""
     from simittag import detect
 
     return [detect._refine_ellipse(view, tuple(found[:3])) for (found, *_), view, _ in detect._candidate_views(grey, k)]
@@ -108,10 +108,10 @@ def programs(peers: dict[str, str]) -> list[Program]:
 
 
 def frames(dataset: Path, key: str) -> Iterator[tuple[str, Any, Any, dict[str, Any]]]:
-    """Level, levels of grey, camera and truth of each frame; the level is a column of the truth, or a sweep's."""
+    """Level, grey levels, camera and truth of each frame; the level is a column of the truth, or that of a sweep."""
     data = open_dataset(dataset)
     truth = {row["frame_id"]: row for row in data.truth.to_pylist()}
-    # A sweep shows all its frames at one level before it goes on to the next.
+    # A sweep has all its frames at one level before the next level.
     levels = data.study["groups"]["main"].get("sweep", {}).get("levels", [None])
     each = len(data) // len(levels)
     for i, frame_id in enumerate(data.images.frame_ids):
@@ -122,11 +122,11 @@ def frames(dataset: Path, key: str) -> Iterator[tuple[str, Any, Any, dict[str, A
 
 
 def errors(dataset: Path, key: str, asked: list[Program]) -> dict[str, list[Error]]:
-    """Each program's error in every frame of a dataset."""
+    """Error of each program in every frame of a dataset."""
     out: dict[str, list[Error]] = {program.name: [] for program in asked}
     for name, image, camera, row in frames(dataset, key):
         for program in asked:
-            # Roundel takes the camera, the others its K.
+            # Roundel takes the camera, the others take K.
             given = camera if program.name.startswith("**") else camera.K
             out[program.name].append(_error(program, name, image, given, camera.K, row))
     return out

@@ -1,9 +1,9 @@
-"""The benchmark's scene through a bare `mi.render`: stock shapes, sensor, sampler and film, nothing of Roundel's.
+"""The benchmark's scene with plain `mi.render`: stock shapes, sensor, sampler and film, nothing of Roundel's.
 
     python peer_mitsuba.py JOB.json
 
 JOB has `scene` (reference.scene_numbers), `renders`: a list of {sampler, spp, seed, window, out}, and `result`.
-Roundel is imported once, to find the libLLVM that Dr.Jit loads.
+Roundel is imported only to find the libLLVM for Dr.Jit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from roundel.render.backend import start
 
-# Sheet and disc stand this far before the wall and the sheet: 0.003 px of parallax, above the grain of float32.
+# Offset of the sheet from the wall and of the disc from the sheet: 0.003 px of parallax, above float32 resolution.
 _STEP_M = 3e-6
 
 
@@ -52,7 +52,7 @@ def shapes(mi: Any, scene: dict[str, Any]) -> dict[str, Any]:
             "to_world": toward_lamp @ t().scale(lamp["size_m"] / 2),
             "emitter": {"type": "area", "radiance": lamp["radiance"]},
         },
-        # Found by reflected rays alone, without noise: half the noise of sampling it, too.
+        # Hit by reflected rays alone, without noise: half the noise of also sampling it.
         "sky": {"type": "constant", "radiance": scene["environment"], "sampling_weight": 0.0},
     }
 
@@ -75,7 +75,7 @@ def sensor(mi: Any, scene: dict[str, Any], one: dict[str, Any]) -> Any:
             "type": "perspective",
             "fov": float(np.degrees(2 * np.arctan(width / 2 / scene["focal_px"]))),
             "fov_axis": "x",
-            # Mitsuba's camera has x to the left; turned by half about z it is OpenCV's.
+            # Mitsuba's camera has x to the left; half a turn about z gives OpenCV's.
             "to_world": mi.ScalarTransform4f().rotate([0, 0, 1], 180),
             # Mitsuba counts from the pixel's corner, hence the half; its offset moves the film, hence the sign.
             "principal_point_offset_x": 0.5 - (scene["cx_px"] + 0.5) / width,

@@ -1,4 +1,4 @@
-"""The peers: found, tuned to the edge error wanted on a window round the disc, then timed on whole frames."""
+"""The peers: find them, tune them to the target edge error on a window around the disc, time them on whole frames."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from roundel.scenes.world.frame import Frame
 
 HERE = Path(__file__).resolve().parent
 
-# What is asked of every renderer; tuning aims a little below, as the interpolation may err.
+# Target error of every renderer; tuning aims slightly lower, because the interpolation may err.
 EDGE_ERROR, NOISE = 0.01, 0.02
 _AIM = 0.0097
 
 
 def find_bpy() -> str | None:
-    """An interpreter that has `bpy`: this one, that of `make bench-env`, or the one ROUNDEL_BENCH_PYTHON names."""
+    """An interpreter with `bpy`: this one, that of `make bench-env`, or the one named by ROUNDEL_BENCH_PYTHON."""
     made = HERE.parent / ".venv-bench" / "bin" / "python"
     for python in (os.environ.get("ROUNDEL_BENCH_PYTHON"), sys.executable, str(made)):
         if not python or not os.access(python, os.X_OK):
@@ -35,7 +35,7 @@ def find_bpy() -> str | None:
 
 
 def work(python: str, script: str, job: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Run a worker in a process of its own and return what it says."""
+    """Run a worker in its own process and return its result."""
     told, asked = folder / f"{Path(script).stem}.result.json", folder / f"{Path(script).stem}.job.json"
     asked.write_text(json.dumps({**job, "result": str(told)}), encoding="utf-8")
     done = subprocess.run(
@@ -65,13 +65,13 @@ def read_image(path: Path, frame: Frame, window: list[int] | None) -> Array:
 
 
 def interpolate(settings: list[float], errors: list[float]) -> float:
-    """The setting of the error aimed at, on a straight line between two points in logarithms."""
+    """The setting for the target error, by log-log interpolation between two points."""
     (s0, s1), (e0, e1) = np.log(settings), np.log(errors)
     return float(np.exp(s0 + (np.log(_AIM) - e0) * (s1 - s0) / (e1 - e0)))
 
 
 class Peer:
-    """A renderer in a process of its own."""
+    """A renderer in its own process."""
 
     def __init__(self, python: str, script: str, suffix: str, frame: Frame, folder: Path, threads: int) -> None:
         self.python, self.script, self.suffix = python, script, suffix
@@ -80,14 +80,14 @@ class Peer:
         self.version = ""
 
     def render(self, settings: list[dict[str, Any]], whole: bool, seeds: int = 2) -> list[tuple[Measures, Array]]:
-        """Each setting under some seeds: the measures of the first two, and (wall, processor) seconds of each."""
+        """Each setting with several seeds: the measures of the first two, and (wall, processor) seconds of each."""
         window = None if whole else self.scene["window"]
         renders = [
             {**one, "seed": seed, "window": window, "out": str(self.folder / f"peer_{i}_{seed}{self.suffix}")}
             for i, one in enumerate(settings)
             for seed in range(1, seeds + 1)
         ]
-        # One of few samples first: it loads what later ones find loaded.
+        # First a render with few samples, to warm up.
         warm = {**renders[0], "out": str(self.folder / f"warm{self.suffix}"), "window": self.scene["window"]}
         warm["spp" if "spp" in warm else "samples"] = 1
         job = {"scene": self.scene, "threads": self.threads, "renders": [warm, *renders]}
@@ -101,7 +101,7 @@ class Peer:
         return found
 
     def row(self, name: str, setting: dict[str, Any], seeds: int = 2) -> dict[str, Any]:
-        """A whole frame's row of the table."""
+        """The table row of a whole frame."""
         load = os.getloadavg()[0]
         ((measured, seconds),) = self.render([setting], whole=True, seeds=seeds)
         return row(name, setting, measured, seconds, load)
@@ -127,8 +127,8 @@ def cycles_rows(
 ) -> tuple[list[Any], str]:
     peer = Peer(python, "peer_cycles.py", ".exr", frame, folder, threads)
     rows = []
-    # Smooth areas here need next to nothing: 4 samples at least suit this scene best, 16 are cautious; 0 is Cycles' own
-    # choice, 64 at a threshold of 0.01.
+    # Smooth areas need few samples here: a minimum of 4 suits this scene best, 16 is cautious; 0 is Cycles' own choice,
+    # 64 at a threshold of 0.01.
     for least in (4, 16, 0) if default else (4, 16):
         name, thresholds = "Cycles, adaptive", [0.02, 0.01]
         settings = [{"threshold": t, "min_samples": least, "samples": 4096} for t in thresholds]
@@ -149,7 +149,7 @@ def mitsuba_rows(frame: Frame, folder: Path, threads: int, quick: bool) -> tuple
         return [peer.row("mi.render, multijitter", {**settings[0], "spp": 16})], peer.version
     errors = [measured.edge_scatter for measured, _ in peer.render(settings, whole=False)]
     wanted = interpolate([float(n) for n in counts], errors)
-    # Multi-jittering wants a grid of two near factors.
+    # Multi-jittering needs a grid of two similar factors.
     side = max(1, math.isqrt(math.ceil(wanted)))
     spp = side * math.ceil(wanted / side)
     return [peer.row("mi.render, multijitter", {"sampler": "multijitter", "spp": spp})], peer.version

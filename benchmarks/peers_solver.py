@@ -1,9 +1,9 @@
-"""Roundel's solver against its peers: closed forms, accuracy on rendered frames, time of an image. Prints Markdown.
+"""Compare Roundel's solver with its peers: closed forms, accuracy on rendered frames, time per image. Prints Markdown.
 
     python benchmarks/peers_solver.py [--quick] [--data FOLDER] [--out FILE]
 
-Needs `make peers-env` (simittag and pycalib; without them their rows are left out). Frames that are missing are
-rendered first, into out/bench-peers: some five minutes on two cores.
+Run `make peers-env` first (simittag and pycalib; without them their rows are left out). Missing frames are rendered
+first, into out/bench-peers: about five minutes on two cores.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# One core for all: set before numpy and OpenCV are loaded.
+# One core for all; must be set before numpy and OpenCV are loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import closed_forms
@@ -32,7 +32,7 @@ from roundel.solver.methods.locate import locate
 HERE = Path(__file__).resolve().parent
 HOUSE = HERE.parent
 
-# A dataset, its study, the column of the truth that its levels are called by, and what that is called.
+# A dataset, its study, the truth column with its levels, and the title of that column.
 DATASETS = [
     ("paper_synthetic", HOUSE / "configs" / "paper_synthetic.yaml", "distance_D", "distance, D"),
     ("peers_blur", HERE / "peers_blur.yaml", "edge_blur_px", "blur of the edge (its pixel included), px"),
@@ -41,7 +41,7 @@ DATASETS = [
 
 
 def rendered(data: Path, name: str, study: Path) -> Path:
-    """The dataset, rendered if it is not there."""
+    """The dataset, rendered if it is missing."""
     folder = data / name
     if not (folder / "manifest.json").is_file():
         print(f"rendering {name} ...", file=sys.stderr, flush=True)
@@ -79,7 +79,7 @@ def _figures(errors: list[Error]) -> str:
 
 
 def image_times(folder: Path, repeats: int) -> list[str]:
-    """Markdown: milliseconds of a whole image with one marker, the least of repeats taken in turn."""
+    """Markdown: milliseconds per whole image with one marker, minimum of interleaved repeats."""
     data = open_dataset(folder)
     row = min(data.truth.to_pylist(), key=lambda r: abs(r["distance_D"] - 15) + abs(r["tilt_deg"] - 30))
     i = data.images.frame_ids.index(row["frame_id"])
@@ -105,7 +105,7 @@ def image_times(folder: Path, repeats: int) -> list[str]:
     best = dict.fromkeys(calls, np.inf)
     for _ in range(repeats):
         for name, call in calls.items():
-            began = time.process_time()  # one thread each: what the processor did, whoever else was using it
+            began = time.process_time()  # one thread each: processor time, independent of other processes
             call()
             best[name] = min(best[name], time.process_time() - began)
     alone = next(iter(best.values()))
@@ -118,12 +118,10 @@ def image_times(folder: Path, repeats: int) -> list[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Roundel's solver against its peers.")
-    parser.add_argument(
-        "--quick", action="store_true", help="a smoke run: few poses and repeats, the small frames alone"
-    )
-    parser.add_argument("--data", type=Path, default=HOUSE / "out" / "bench-peers", help="where the frames are, or go")
-    parser.add_argument("--out", type=Path, help="write the tables here too")
+    parser = argparse.ArgumentParser(description="Compare Roundel's solver with its peers.")
+    parser.add_argument("--quick", action="store_true", help="smoke run: few poses and repeats, small frames only")
+    parser.add_argument("--data", type=Path, default=HOUSE / "out" / "bench-peers", help="folder of the frames")
+    parser.add_argument("--out", type=Path, help="also write the tables here")
     asked = parser.parse_args()
     cv2.setNumThreads(1)
     peers = closed_forms.find_peers()

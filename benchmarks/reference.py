@@ -1,6 +1,6 @@
-"""The benchmark's scene as plain numbers, and what an image of it is measured by.
+"""The benchmark's scene as plain numbers, and the error measures of an image of it.
 
-The measures share nothing with any of the renderers: coverage of a pixel by the disc's conic is integrated here.
+The measures are independent of all renderers: the coverage of a pixel by the disc's conic is integrated here.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
 STUDY = HERE / "bench.yaml"
 
-# An edge pixel is one that the contour visibly cuts.
+# Coverage range of an edge pixel, which the contour visibly cuts.
 EDGE = (0.02, 0.98)
-# Lines a pixel, each with an exact chord: coverage to some 1e-5.
+# Lines per pixel, each with an exact chord: coverage is accurate to about 1e-5.
 _LINES = 64
-# Half the side of the window that tuning renders: the disc (radius 39 px) and sheet on all sides of it.
+# Half the side of the window rendered for tuning: the disc (radius 39 px) and the sheet around it.
 _WINDOW_PX = 64
 
 
@@ -34,7 +34,7 @@ def bench_frame(index: int = 0) -> Frame:
 
 
 def scene_numbers(frame: Frame) -> dict[str, Any]:
-    """All that a renderer must know, for JSON: metres, pixels, radiance; the world is the camera frame."""
+    """Everything a renderer needs, for JSON: metres, pixels, radiance; the world is the camera frame."""
     sheet, light = frame.sheet, frame.settings.light
     (disc,) = sheet.shapes
     return {
@@ -58,7 +58,7 @@ def scene_numbers(frame: Frame) -> dict[str, Any]:
 
 
 def window_of(frame: Frame) -> tuple[int, int, int, int]:
-    """Columns and rows (x0, y0, x1, y1) of a square round the disc."""
+    """Columns and rows (x0, y0, x1, y1) of a square around the disc."""
     x, y = np.rint(_ellipse(frame)[:2]).astype(int)
     return int(x) - _WINDOW_PX, int(y) - _WINDOW_PX, int(x) + _WINDOW_PX, int(y) + _WINDOW_PX
 
@@ -93,7 +93,7 @@ def coverage_of(frame: Frame) -> Array:
 
 @dataclass(frozen=True)
 class Measures:
-    """What the images of two seeds say.
+    """Measures from the images of two seeds.
 
     `edge_theory`: RMS residual of edge pixels against theory; `edge_scatter`: standard deviation between the seeds over
     sqrt 2, on the same pixels; both fractions of the contrast. `noise`: standard deviation between the seeds over
@@ -122,7 +122,7 @@ def measure(frame: Frame, one: Array, other: Array) -> Measures:
     cover = coverage_of(frame)
     edge = (cover > EDGE[0]) & (cover < EDGE[1])
     ink, paper = scene_numbers(frame)["ink"], frame.sheet.paper
-    # Smooth light is a quadratic over the disc's neighbourhood: it is fitted there, and nothing else is.
+    # Smooth light is a quadratic over the disc's neighbourhood: only this is fitted.
     x0, y0, x1, y1 = window_of(frame)
     sheet = np.zeros_like(edge)
     sheet[y0:y1, x0:x1] = _on_sheet(frame, x0, y0, x1, y1)
@@ -159,7 +159,7 @@ def _noise(one: Array, other: Array, where: NDArray[np.bool_]) -> float:
 
 
 def _plane_xy(frame: Frame, x: Array, y: Array) -> tuple[Array, Array]:
-    """Where the lines of sight of pixels meet the sheet's plane, in its own coordinates."""
+    """Intersections of the pixels' lines of sight with the sheet's plane, in its own coordinates."""
     k, pose = frame.camera.K, frame.camera_from_sheet
     homography = np.linalg.inv(k @ pose[:3][:, [0, 1, 3]])
     h = np.stack([x, y, np.ones_like(x)], axis=-1) @ homography.T
@@ -174,12 +174,12 @@ def _inside_sheet(frame: Frame, x: Array, y: Array, margin_m: float) -> NDArray[
 
 
 def _on_sheet(frame: Frame, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.bool_]:
-    """Pixels of a window that lie wholly on the sheet (3 mm is three pixels)."""
+    """Pixels of a window that are entirely on the sheet (3 mm is three pixels)."""
     x, y = np.meshgrid(np.arange(x0, x1, dtype=np.float64), np.arange(y0, y1, dtype=np.float64))
     return _inside_sheet(frame, x, y, 0.003)
 
 
 def _wall(frame: Frame) -> NDArray[np.bool_]:
-    """Pixels wholly on the wall."""
+    """Pixels entirely on the wall."""
     x, y = np.meshgrid(np.arange(frame.camera.width_px, dtype=float), np.arange(frame.camera.height_px, dtype=float))
     return ~_inside_sheet(frame, x, y, -0.003)

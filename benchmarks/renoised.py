@@ -1,11 +1,12 @@
-"""Fits to pixels and to edge points on many noisy copies of one rendered radiance, against the bound.
+"""Compare fits to pixels and to edge points with the bound, on many noisy copies of one rendered radiance.
 
     python benchmarks/renoised.py [--copies 500] [--only NAME] [--folder FOLDER]
 
-Renders a handful of cases (a disc or ring of 30 or 12 px semi-major axis, tilted, in and out of focus), develops each
-radiance anew with fresh noise, and prints for each case: scatter of the ellipse over the Cramer-Rao bound of
-`scenes.information` (one pair of grey levels and one blur unknown), bias of centre and axes, rms error of the normal
-over its bound, and the mean of the squared error over the claimed covariance divided by its 5 degrees of freedom.
+Renders a few cases (a disc or ring with a semi-major axis of 30 or 12 px, tilted, in and out of focus), develops
+(re-exposes) each radiance with fresh noise, and prints for each case: scatter of the ellipse relative to the Cramer-Rao
+bound of `scenes.geometry.information` (one pair of grey levels and one blur unknown), bias of centre and axes, RMS
+error of the normal relative to its bound, and the mean of the squared error over the claimed covariance divided by its
+5 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ CASES = {
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What the copies of one case came to, by one method."""
+    """Results of one method over the copies of one case."""
 
     scatter: Array  # (5,) over the bound, in x, y, S11, S12, S22
     bias_px: Array  # (4,) x, y, a, b
@@ -70,7 +71,7 @@ def study_text(names: list[str]) -> str:
     for name in names:
         a, tilt, part, kind = CASES[name]
         distance_m = FOCAL_PX * RADIUS_M / a
-        # A wide sheet, so that nothing but the marker shapes the band; `narrow` has the default margin, a third of it.
+        # A wide sheet, so that only the marker affects the band; `narrow` has the default margin, a third of it.
         lens, more = "", "" if kind == "narrow" else ", margin_m: 0.08"
         if kind == "ring":
             more += ", inner_diameter_m: 0.03"
@@ -113,7 +114,7 @@ def rendered(names: list[str], folder: Path) -> dict[str, tuple[Frame, NDArray[n
 
 
 def levels_and_noise(frame: Frame, radiance: NDArray[Any], ellipse: Array, ring: bool) -> tuple[Array, Array, float]:
-    """Grey levels and noise inside and outside next to the edge, and where the image saturates."""
+    """Grey levels and noise inside and outside next to the edge, and the saturation level."""
     developed = develop(frame, radiance)
     y, x = np.mgrid[: radiance.shape[0], : radiance.shape[1]]
     c, s = np.cos(np.radians(ellipse[4])), np.sin(np.radians(ellipse[4]))
@@ -197,7 +198,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--copies", type=int, default=500)
     parser.add_argument("--only", default="", help="only cases whose name contains this")
-    parser.add_argument("--folder", default="", help="keep the rendered dataset here, or use the one that is there")
+    parser.add_argument("--folder", default="", help="folder of the rendered dataset, which is reused if it exists")
     options = parser.parse_args()
     if options.folder:
         Path(options.folder).mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,9 @@
-"""Roundel against its peers: one command, one table.
+"""Compare Roundel with its peers: one command, one table.
 
     python benchmarks/run.py [--quick] [--no-peers] [--frames N]
 
-Writes results.md and results.json beside this file. Every renderer runs in a process of its own, one after another, on
-two threads. Cycles needs `bpy`: `make bench-env`, or an interpreter that ROUNDEL_BENCH_PYTHON names.
+Writes results.md and results.json beside this file. Every renderer runs in its own process, one after another, on two
+threads. Cycles needs `bpy`: run `make bench-env`, or set ROUNDEL_BENCH_PYTHON to an interpreter that has it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def our_rows(frames: int, general: int, folder: Path) -> tuple[list[dict[str, An
 
 
 def side_run(script: str, *arguments: str, folder: Path) -> Any:
-    """Another of the benchmarks, in a process of its own."""
+    """Run another benchmark in its own process."""
     told = folder / f"{Path(script).stem}.json"
     done = subprocess.run(
         [sys.executable, str(HERE / script), *arguments, "--json", str(told)],
@@ -62,20 +62,20 @@ def side_run(script: str, *arguments: str, folder: Path) -> Any:
         check=False,
     )
     if not told.is_file():
-        raise SystemExit(f"{script} ended with {done.returncode}")
+        raise SystemExit(f"{script} exited with status {done.returncode}")
     return json.loads(told.read_text(encoding="utf-8"))
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Roundel against its peers.")
-    parser.add_argument("--quick", action="store_true", help="a smoke run: its figures mean nothing; writes no files")
-    parser.add_argument("--no-peers", action="store_true", help="neither Cycles nor mi.render")
+    parser = argparse.ArgumentParser(description="Compare Roundel with its peers.")
+    parser.add_argument("--quick", action="store_true", help="smoke run: its figures are meaningless; writes no files")
+    parser.add_argument("--no-peers", action="store_true", help="skip Cycles and mi.render")
     parser.add_argument(
-        "--cycles-default", action="store_true", help="Cycles with its own least count of samples, too (minutes)"
+        "--cycles-default", action="store_true", help="also run Cycles with its own minimum number of samples (minutes)"
     )
-    parser.add_argument("--no-memory", action="store_true", help="without the thousand frames")
-    parser.add_argument("--frames", type=int, default=8, help="frames of Roundel's that are timed")
-    parser.add_argument("--out", type=Path, default=HERE, help="where results.md and results.json go")
+    parser.add_argument("--no-memory", action="store_true", help="skip the thousand frames")
+    parser.add_argument("--frames", type=int, default=8, help="number of Roundel's frames to time")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder for results.md and results.json")
     asked = parser.parse_args()
     frames = 2 if asked.quick else max(5, asked.frames)
     results: dict[str, Any] = {"machine": table.machine(), "threads": THREADS, "load_before": os.getloadavg()}

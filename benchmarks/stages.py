@@ -1,10 +1,10 @@
-"""Where a frame's time goes, and what the pipeline adds to the integrator and to the compression of EXR files.
+"""Timings of a frame by stage, and the pipeline's overhead over the integrator and EXR compression.
 
     python benchmarks/stages.py [FRAMES] [--study FILE] [--profile] [--json FILE]
 
 Functions are wrapped where they are called, see stopwatch.py. `roundel render` finishes one frame while it traces the
-next, so that stages overlap. What the pipeline adds is therefore told by a second loop of the same shape that only
-traces and compresses.
+next, so stages overlap. The overhead is therefore measured against a second loop of the same structure that only traces
+and compresses.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 from reference import STUDY
 from stopwatch import Stopwatch
 
-# The two that are no overhead.
+# The two stages that are not overhead.
 INTEGRATOR, COMPRESSION = "integrator", "EXR compression"
 
 RUN, RADIANCE = "roundel.render.run", "roundel.render.radiance"
@@ -38,16 +38,16 @@ STAGES = [
     ("PNG", RUN, "image_file"),
     ("checksums, writing", RUN, "write_frame"),
     ("journal entry", RUN, "entry_of"),
-    # Hardly any time of its own but the plane of noise.
+    # Takes hardly any time apart from the noise plane.
     ("noise plane", RUN, "_finished"),
 ]
 
-# Frames before the first that counts: kernels, then a full pipe.
+# Warm-up frames: compile kernels, then fill the pipeline.
 _WARM = 3
 
 
 def bare(frames: Iterator[Any]) -> Iterator[None]:
-    """The least that must be done: one frame's EXR is compressed while the next is traced."""
+    """The minimum work: one frame's EXR is compressed while the next is traced."""
     from roundel.datasets.layout.radiance import encode_radiance
     from roundel.render.backend import start
     from roundel.render.radiance import render_radiance
@@ -60,7 +60,7 @@ def bare(frames: Iterator[Any]) -> Iterator[None]:
             if before is not None:
                 before.result()
                 yield
-            # The fifth plane stands for the noise, which takes as many bytes.
+            # The fifth plane stands in for the noise plane, which has the same size.
             planes = {"Y": r.mean, "Y.variance": r.variance, "Z": r.depth_m, "noise_dn": r.mean**0.5}
             before = pool.submit(encode_radiance, planes | {f"coverage.{i}": c for i, c in r.coverage.items()})
         if before is not None:
@@ -69,7 +69,7 @@ def bare(frames: Iterator[Any]) -> Iterator[None]:
 
 
 def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[str, Any]:
-    """Mean seconds of each stage over warm frames, and what the pipeline adds."""
+    """Mean seconds of each stage over warm frames, and the pipeline's overhead."""
     from roundel.datasets.layout import journal
     from roundel.render import run as run_module
     from roundel.render.backend import start
@@ -87,7 +87,7 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
             seen.append((time.perf_counter(), time.process_time()))
             if len(seen) == _WARM:
                 watch.reset()
-        return seen[_WARM - 1 : -1]  # nothing is traced beside the last one
+        return seen[_WARM - 1 : -1]  # nothing is traced in parallel with the last one
 
     at_least = ticks(bare(frame_of(study, i % total) for i in range(frames + _WARM + 1)))
     missing = [f"{module}.{name}" for label, module, name in STAGES if not watch.wrap(label, module, name)]
@@ -116,7 +116,7 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
     wall, cpu = (ended - began) / count, (cpu_ended - cpu_began) / count
     stages = {label: (watch.seconds.get(label, 0.0) + watch.beside.get(label, 0.0)) / count for label in watch.cpu}
     used = {label: value / count for label, value in watch.cpu.items()}
-    # The tracer has threads of its own, that no clock of ours reads: it has what the others leave.
+    # The tracer's own threads cannot be timed: it gets the processor time that the other stages leave.
     used[INTEGRATOR] = cpu - sum(value for label, value in used.items() if label != INTEGRATOR)
     bare_wall = (at_least[-1][0] - at_least[0][0]) / (len(at_least) - 1)
     bare_cpu = (at_least[-1][1] - at_least[0][1]) / (len(at_least) - 1)
@@ -139,9 +139,9 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
 def lines(result: dict[str, Any]) -> list[str]:
     """The table as Markdown."""
     stages, used, wall = result["stages_s"], result["stages_cpu_s"], result["wall_s"]
-    out = ["| stage | ms of a frame | CPU ms | |", "|---|---:|---:|---|"]
+    out = ["| stage | ms per frame | CPU ms | |", "|---|---:|---:|---|"]
     for label in sorted(stages, key=lambda k: -used[k]):
-        beside = "beside the next frame's rays" if label in result["beside"] else ""
+        beside = "overlaps the next frame's rays" if label in result["beside"] else ""
         out.append(f"| {label} | {1e3 * stages[label]:.1f} | {1e3 * used[label]:.1f} | {beside} |")
     bare_wall, bare_cpu = 1e3 * result["bare_wall_s"], 1e3 * result["bare_cpu_s"]
     out += [
@@ -150,11 +150,11 @@ def lines(result: dict[str, Any]) -> list[str]:
         "",
         f"The pipeline adds {result['adds']:.1%} to the time of tracing and EXR compression, {result['adds_cpu']:.1%} "
         f"to their processor time (mean of {result['frames']} warm frames). "
-        f"For {result['neither_s'] / wall:.1%} of the time neither of the two was running. "
-        "Threads that a stage starts of its own count as the integrator's processor time.",
+        f"For {result['neither_s'] / wall:.1%} of the time neither was running. "
+        "Threads started by a stage count as the integrator's processor time.",
     ]
     if result["missing"]:
-        out.append(f"Not found, and so within another stage: {', '.join(result['missing'])}.")
+        out.append(f"Not found, and therefore included in another stage: {', '.join(result['missing'])}.")
     return out
 
 

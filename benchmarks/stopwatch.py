@@ -1,4 +1,4 @@
-"""Seconds by stage, taken from outside: functions are wrapped where they are called from; each counts its own time."""
+"""Seconds by stage, measured by wrapping functions where they are called; each counts its own time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ import numpy as np
 class Stopwatch:
     """Wall seconds of labelled functions.
 
-    `seconds` are exclusive: a function called within another is taken off the outer one. What other threads did is in
-    `beside`. `cpu` is the processor time of the calling threads. `spans` says when each call began and ended.
+    `seconds` are exclusive: the time of a nested call is subtracted from the outer one. Time in other threads is in
+    `beside`. `cpu` is the processor time of the calling threads. `spans` records when each call began and ended.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class Stopwatch:
         return wrapper
 
     def wrap(self, label: str, module: str, name: str) -> bool:
-        """Wrap `module.name`; False where there is no such function (any more)."""
+        """Wrap `module.name`; False if there is no such function (any more)."""
         home = importlib.import_module(module)
         function = getattr(home, name, None)
         if function is None:
@@ -63,7 +63,7 @@ class Stopwatch:
         return True
 
     def covered(self, begin: float, end: float, *labels: str) -> float:
-        """Seconds between two times during which at least one of these was running, in whatever thread."""
+        """Seconds between two times during which at least one of these was running, in any thread."""
         total, reached = 0.0, begin
         for began, ended in sorted(span for label in labels for span in self.spans[label]):
             ended = min(ended, end)
@@ -79,7 +79,7 @@ class RayCounter:
         from roundel.render import radiance
         from roundel.render.backend import start
 
-        start()  # before Dr.Jit is imported: it finds the libLLVM that works
+        start()  # before Dr.Jit is imported, to find a working libLLVM
         import drjit as dr
 
         self.rays = 0

@@ -1,4 +1,4 @@
-"""What was measured, as Markdown."""
+"""Benchmark results as Markdown."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import stages
 import throughput
 from peers import EDGE_ERROR, NOISE
 
-# More than this runnable beside the benchmark, and its times are no longer its own.
+# With a load above this from other processes, the times are not reliable.
 _QUIET_LOAD = 0.5
 
 
 def machine() -> dict[str, str]:
-    """Processor and versions; no names of hosts or users."""
+    """Processor and versions; no host or user names."""
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
         cpu = next(line.split(":", 1)[1].strip() for line in info.splitlines() if line.startswith("model name"))
@@ -78,14 +78,14 @@ def _verdict(rows: list[dict[str, Any]]) -> list[str]:
 
 def report(results: dict[str, Any]) -> str:
     found = results["machine"]
-    out = ["# Benchmarks: what was measured", ""]
+    out = ["# Benchmark results", ""]
     out += [", ".join(f"{k} {v}" for k, v in found.items()) + f"; {results['threads']} threads for every renderer.", ""]
     loads = [results["load_before"][0], *(r["load"] for r in results["rows"])]
-    # The benchmark's own earlier parts linger in the average; only its start tells of others.
+    # The load average includes the benchmark's own earlier parts; only the one at its start shows other work.
     if loads[0] > _QUIET_LOAD:
         out += [
-            f"**Other work was running** (load {loads[0]:.1f} before the start): wall seconds are too long, and their "
-            "ratios uncertain; processor seconds suffer less.",
+            f"**Other processes were running** (load {loads[0]:.1f} before the start): wall seconds are too long, and "
+            "their ratios uncertain; processor seconds are less affected.",
             "",
         ]
     out += [
@@ -99,14 +99,14 @@ def report(results: dict[str, Any]) -> str:
         out += [results["no_cycles"], ""]
     ours = results["ours"]
     out += [
-        f"Roundel's start {ours['starting_s']:.1f} s, its first frame (kernels compiled or loaded) "
+        f"Roundel's start takes {ours['starting_s']:.1f} s, its first frame (kernels compiled or loaded) "
         f"{ours['first_frame_s']:.1f} s; neither is in the table, nor is any renderer's start.",
         "",
-        "## Where a frame's time goes",
+        "## Timings of a frame by stage",
         "",
         *stages.lines(results["stages"]),
         "",
-        "## The whole of `roundel render`, start included",
+        "## The whole of `roundel render`, including its start",
         "",
         *throughput.lines(results["throughput"]),
     ]

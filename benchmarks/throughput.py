@@ -1,4 +1,4 @@
-"""Frames and rays a second of the whole `roundel render`, start and last step of the dataset included.
+"""Frames and rays per second of the whole `roundel render`, including its start and the last step of the dataset.
 
 python benchmarks/throughput.py [--quick] [--json FILE]
 """
@@ -17,7 +17,7 @@ STUDIES = {"demo": HERE.parent / "configs" / "demo.yaml", "bench": HERE / "bench
 
 
 def run(name: str, frames: int | None) -> dict[str, Any]:
-    """Render a study through the command's own entry, in this process."""
+    """Render a study through the command's entry point, in this process."""
     from stopwatch import RayCounter
 
     from roundel.cli.main import main
@@ -31,7 +31,7 @@ def run(name: str, frames: int | None) -> dict[str, Any]:
         code = main(["render", str(STUDIES[name]), str(Path(folder) / "dataset"), "--frames", f"0:{count}"])
         seconds = time.perf_counter() - began
     if code:
-        raise SystemExit(f"roundel render ended with {code}")
+        raise SystemExit(f"roundel render exited with status {code}")
     return {
         "study": name,
         "frames": count,
@@ -43,7 +43,7 @@ def run(name: str, frames: int | None) -> dict[str, Any]:
 
 
 def lines(results: list[dict[str, Any]]) -> list[str]:
-    out = ["| study | frames | seconds | frames/s | rays a frame | rays/s |", "|---|---:|---:|---:|---:|---:|"]
+    out = ["| study | frames | seconds | frames/s | rays per frame | rays/s |", "|---|---:|---:|---:|---:|---:|"]
     for r in results:
         out.append(
             f"| {r['study']} | {r['frames']} | {r['seconds']:.1f} | {r['frames_per_s']:.2f} | "

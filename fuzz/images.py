@@ -1,7 +1,7 @@
-"""Hypothesis on `locate`: images of every make, with ellipses or without, and cameras that may be absurd.
+"""Fuzz `locate` with hypothesis: images of all kinds, with or without ellipses, and cameras that may be absurd.
 
-What must hold: a list of estimates that are finite or say why not, or a ValueError of one line. A warning, an exception
-from a library below, or half a minute for so small an image is a find.
+Requirement: a list of estimates that are finite or give a reason, or a one-line ValueError. A warning, an exception
+from an underlying library, or half a minute for such a small image is a failure.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _numbers = st.floats(allow_nan=True, allow_infinity=True)
 
 @st.composite
 def images(draw: st.DrawFn) -> NDArray[Any]:
-    """Light that varies, ellipses over one another, blur, noise, saturation; then a type, channels and a layout."""
+    """Varying light, overlapping ellipses, blur, noise, saturation; then a data type, channels and a memory layout."""
     height, width = draw(st.integers(1, 300)), draw(st.integers(1, 300))
     if draw(st.integers(0, 3)) == 0:
         height = draw(st.integers(1, 12))
@@ -44,7 +44,7 @@ def images(draw: st.DrawFn) -> NDArray[Any]:
         v = ((y - cy) * np.cos(angle) - (x - cx) * np.sin(angle)) / b
         shape = draw(st.sampled_from(["ellipse", "ellipse", "ellipse", "ring", "box"]))
         radius = np.maximum(np.abs(u), np.abs(v)) if shape == "box" else np.hypot(u, v)
-        # The edge one pixel wide where it is steepest: an antialiased drawing.
+        # The edge is one pixel wide at its steepest, as in an antialiased drawing.
         cover = np.clip(0.5 + (1.0 - radius) * b, 0.0, 1.0)
         if shape == "ring":
             cover = cover * np.clip(0.5 + (radius - draw(st.floats(0.1, 0.9))) * b, 0.0, 1.0)
@@ -65,7 +65,7 @@ def _dressed(draw: st.DrawFn, image: NDArray[np.float64]) -> NDArray[Any]:
         out = image > draw(st.floats(0.0, 1.0))
     elif dtype.kind == "f":
         scale = draw(st.sampled_from([1.0, 255.0, 65535.0, 1e-6, 1e30, 1e300]))
-        with np.errstate(over="ignore"):  # an infinity is one of the images
+        with np.errstate(over="ignore"):  # infinity is a valid test image
             out = (image * scale).astype(dtype)
         if draw(st.integers(0, 9)) == 0:
             at = draw(st.integers(0, out.shape[0] - 1)), draw(st.integers(0, out.shape[1] - 1))
@@ -74,7 +74,7 @@ def _dressed(draw: st.DrawFn, image: NDArray[np.float64]) -> NDArray[Any]:
     else:
         limit = np.iinfo(dtype)
         top = draw(st.sampled_from([limit.max, min(255, limit.max), min(4095, limit.max), 1]))
-        # In float64 the limits of 64 bits round up: stay below them.
+        # The limits of 64 bits round up in float64: stay below them.
         out = np.clip(np.rint(image * top), limit.min * 0.99, limit.max * 0.99).astype(dtype)
     channels = draw(st.sampled_from([0, 0, 0, 1, 3, 4, 2, 5]))
     if channels:
@@ -121,7 +121,7 @@ def check(image: NDArray[Any], diameter_m: float, camera: Camera | None, knowled
         estimates = locate(image, diameter_m, camera, knowledge)
     except ValueError as error:
         if not str(error) or "\n" in str(error):
-            raise AssertionError("an error is one line") from error
+            raise AssertionError("an error must be one line") from error
         return
     took = time.perf_counter() - began
     assert took < _SLOW_S, f"{took:.0f} s"
@@ -140,7 +140,7 @@ def check(image: NDArray[Any], diameter_m: float, camera: Camera | None, knowled
 
 
 def fuzz(seconds: float, first_seed: int) -> int:
-    """Run until the time is over; the number of examples. A find is raised by hypothesis, made small."""
+    """Run until the time is over; return the number of examples. Hypothesis raises the smallest failing example."""
     until, count, turn = time.monotonic() + seconds, 0, first_seed
 
     def one(call: tuple[NDArray[Any], float, Camera | None, Any]) -> None:
@@ -165,7 +165,7 @@ def main() -> int:
     asked = parser.parse_args()
     warnings.simplefilter("error")
     np.set_printoptions(threshold=40)
-    print(f"images: {fuzz(asked.seconds, asked.seed)} calls, no find")
+    print(f"images: {fuzz(asked.seconds, asked.seed)} calls, no failure")
     return 0
 
 

@@ -1,10 +1,10 @@
-"""Bytes on the entrance of photographs: image files and their EXIF, damaged in every way.
+"""Fuzz the reading of photographs: image files and their EXIF, corrupted in every way.
 
-What must hold: `read_photo` gives a photograph or raises a DataError of one line that names the file; the focal length
-from its tags is positive and finite or absent with a reason.
+Requirement: `read_photo` returns a photograph or raises a one-line DataError that names the file; the focal length from
+its tags is positive and finite, or absent with a reason.
 
-The first byte of an input says what the rest is: a whole file, or an EXIF block that is put into a sound JPEG, PNG,
-WebP or TIFF, so that the search does not have to find those containers again for each damaged tag.
+The first byte of an input selects what the rest is: a whole file, or an EXIF block embedded in a valid JPEG, PNG, WebP
+or TIFF, so that the fuzzer does not have to rediscover those containers for each corrupt tag.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def saved(image: Any, kind: str, **options: Any) -> bytes:
 
 
 def exif_block() -> bytes:
-    """TIFF structure with the tags that are read, rationals sound and unsound among them."""
+    """TIFF structure with the tags that are read, including valid and invalid rationals."""
     from PIL import Image
 
     exif = Image.Exif()
@@ -79,7 +79,7 @@ def png_with(block: bytes) -> bytes:
     sound = plain("L", "PNG")
     body = b"eXIf" + block
     chunk = struct.pack(">I", len(block)) + body + struct.pack(">I", zlib.crc32(body))
-    return sound[:33] + chunk + sound[33:]  # behind the signature and IHDR
+    return sound[:33] + chunk + sound[33:]  # after the signature and IHDR
 
 
 def webp_with(block: bytes) -> bytes:
@@ -107,12 +107,12 @@ def seeds() -> list[bytes]:
     blocks = [exif_block(), unsound_block("<"), unsound_block(">"), b"", b"II*\0", b"MM\0*\0\0\0\x08"]
     found = [b"\0" + data for data in files]
     found += [bytes([container]) + block for container in range(1, len(CONTAINERS)) for block in blocks]
-    # Sound files with a sound block, whole: their checksums and lengths are the search's to break.
+    # Complete valid files with a valid block: the fuzzer may corrupt their checksums and lengths.
     return found + [b"\0" + make(blocks[0]) for make in CONTAINERS[1:]]
 
 
 class Target:
-    """One photograph at a time, through a file as users have it."""
+    """One photograph at a time, read from a file as for users."""
 
     def __init__(self) -> None:
         from roundel.scenes.errors import DataError
@@ -120,7 +120,7 @@ class Target:
         from roundel.solver.photos import photo_file
 
         self.DataError, self.exif, self.photo_file = DataError, exif, photo_file
-        # Files that ask for a hundred megapixels are `tests`' business: here they would only take the time.
+        # Files that declare a hundred megapixels are covered by `tests`: here they would only take time.
         photo_file.MAX_PIXELS = 1_000_000
         self.path = Path(tempfile.mkdtemp(prefix="roundel-fuzz-")) / "photo.jpg"
 
@@ -146,7 +146,7 @@ class Target:
 
 
 def mutated(data: bytes, generator: random.Random) -> bytes:
-    """What libFuzzer does, without its eyes: bits, bytes, numbers, pieces out and in, the end cut off."""
+    """Mutations like libFuzzer's, without coverage: bits, bytes, numbers, removed or inserted pieces, truncation."""
     out = bytearray(data)
     for _ in range(generator.choice((1, 1, 2, 4, 16))):
         at = generator.randrange(1, len(out)) if len(out) > 1 else 0
@@ -178,14 +178,14 @@ def blind(seconds: float, first_seed: int) -> int:
         try:
             target(data)
         except Exception:
-            print(f"photos: a find: {data!r}", file=sys.stderr)
+            print(f"photos: failure: {data!r}", file=sys.stderr)
             raise
         count += 1
     return count
 
 
 def guided(corpus: Path, arguments: list[str]) -> None:
-    """Hand over to atheris, which ends the process itself."""
+    """Run atheris, which exits the process itself."""
     import atheris
 
     with atheris.instrument_imports(include=["PIL", "roundel"]):
@@ -209,9 +209,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Fuzz the reading of photographs.")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--blind", action="store_true", help="without atheris")
-    parser.add_argument("--corpus", type=Path, default=Path("out/fuzz/photos"), help="where inputs of worth are kept")
-    parser.add_argument("files", nargs="*", type=Path, help="inputs to run once, such as a find's")
+    parser.add_argument("--blind", action="store_true", help="mutate at random, without atheris")
+    parser.add_argument("--corpus", type=Path, default=Path("out/fuzz/photos"), help="inputs that reach new code")
+    parser.add_argument("files", nargs="*", type=Path, help="inputs to run once, such as a failing one")
     asked = parser.parse_args()
     warnings.simplefilter("error")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -221,7 +221,7 @@ def main() -> int:
             target(path.read_bytes())
         return 0
     if asked.blind:
-        print(f"photos: {blind(asked.seconds, asked.seed)} files, no find")
+        print(f"photos: {blind(asked.seconds, asked.seed)} files, no failure")
         return 0
     finds = f"-artifact_prefix={asked.corpus.parent}/find-"
     guided(asked.corpus, [f"-max_total_time={int(asked.seconds)}", f"-seed={asked.seed + 1}", finds])

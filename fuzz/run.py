@@ -1,4 +1,4 @@
-"""All fuzzers, one after another, in FUZZ_SECONDS. Ends with 1 at the first find.
+"""Run all fuzzers one after another, within FUZZ_SECONDS; exits with status 1 at the first failure.
 
 python fuzz/run.py --seconds 300 [--seed N]
 """
@@ -17,13 +17,13 @@ HERE = Path(__file__).resolve().parent
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Fuzz the entrances to images and photographs.")
-    parser.add_argument("--seconds", type=float, default=300.0, help="in all")
-    parser.add_argument("--seed", type=int, default=int(time.time()), help="another each time, unless it is said")
+    parser = argparse.ArgumentParser(description="Fuzz the reading of images and photographs.")
+    parser.add_argument("--seconds", type=float, default=300.0, help="total time")
+    parser.add_argument("--seed", type=int, default=int(time.time()), help="seed; default: the current time")
     asked = parser.parse_args()
     has_atheris = importlib.util.find_spec("atheris") is not None
     if not has_atheris:
-        print("photos: without atheris, so without its eyes; `make fuzz-env` installs it", flush=True)
+        print("photos: without atheris, so not coverage-guided; `make fuzz-env` installs it", flush=True)
     shares = [("images.py", 0.5, []), ("photos.py", 0.5, [] if has_atheris else ["--blind"])]
     print(f"seed {asked.seed}", flush=True)
     for script, share, options in shares:
@@ -31,7 +31,7 @@ def main() -> int:
         command += ["--seed", str(asked.seed % 2**31), *options]
         done = subprocess.run(command, check=False, cwd=HERE.parent, env={**os.environ, "OMP_NUM_THREADS": "1"})
         if done.returncode:
-            print(f"{script}: a find, or it could not run (exit code {done.returncode}); see above", file=sys.stderr)
+            print(f"{script}: failed, or could not run (exit status {done.returncode}); see above", file=sys.stderr)
             return 1
     return 0
 

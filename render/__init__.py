@@ -1,1 +1,1 @@
-"""Mitsuba 3: a frame to radiance, radiance to digital numbers."""
+"""Rendering with Mitsuba 3: from a frame to radiance, and from radiance to digital numbers."""

@@ -1,8 +1,8 @@
-"""Mitsuba and LLVM: found, started once, or a clear error.
+"""Find LLVM and start Mitsuba once, or raise a clear error.
 
-Dr.Jit loads libLLVM at run time. Version 15 kills the process (`Cannot select ... fminimum`), older than 15 is refused,
-16 and newer work. The package `karellen-llvm-core` brings one into the environment; the user's own
-`DRJIT_LIBLLVM_PATH` goes before it.
+Dr.Jit loads libLLVM at run time. Version 15 kills the process (`Cannot select ... fminimum`), versions before 15 are
+refused, 16 and newer work. The package `karellen-llvm-core` installs one in the environment; the user's own
+`DRJIT_LIBLLVM_PATH` takes precedence.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ _REMEDY = (
 )
 
 
-# Variants that know our ink already: each has plugins of its own.
+# Variants with the ink plugin registered: each variant has its own plugins.
 _with_ink: set[str] = set()
 
 
 class BackendError(RoundelError):
-    """The renderer cannot start here; the message names the remedy."""
+    """The renderer cannot start; the message names the remedy."""
 
     exit_code = 4
 
 
 @dataclass(frozen=True)
 class Llvm:
-    """A libLLVM on disk; `source` says who chose it; `version` 0 means its name does not tell."""
+    """A libLLVM on disk; `source` is where it was found; `version` 0 means that the file name does not show it."""
 
     path: Path
     version: int
@@ -73,12 +73,12 @@ def _candidates() -> list[tuple[Path, str]]:
 
 
 def find_llvm() -> Llvm:
-    """The libLLVM that Dr.Jit is to load.
+    """The libLLVM for Dr.Jit to load.
 
     Raises
     ------
     BackendError
-        If there is none that works, in one line with the remedy.
+        If none works; the one-line message has the remedy.
     """
     chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
     if chosen:
@@ -92,7 +92,7 @@ def find_llvm() -> Llvm:
     usable: list[Llvm] = []
     for path, source in _candidates():
         version = _version_of(path)
-        # The environment's own is known to work whatever its name; elsewhere the name must prove it.
+        # The environment's own is known to work; others must show a suitable version in their name.
         if version >= OLDEST_LLVM or (version == 0 and source == "the environment"):
             usable.append(Llvm(path, version, source))
     if not usable:
@@ -107,7 +107,7 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
     Parameters
     ----------
     variant : str
-        A Mitsuba variant; `cuda_ad_mono` is possible and never needed.
+        A Mitsuba variant; `cuda_ad_mono` is optional.
     threads : int, optional
         Threads of the CPU backend; the images do not depend on it.
 
@@ -140,14 +140,14 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
 
 
 def variant_of(frame: Frame, variant: str = DEFAULT_VARIANT) -> str:
-    """The variant a frame needs: `variant`, with colours where a mosaic or a sky asks for them."""
+    """The variant a frame needs: `variant`, with colours if a mosaic or a sky requires them."""
     from roundel.render.scene.lights import needs_colour
 
     return variant.replace("_mono", "_rgb") if needs_colour(frame) else variant
 
 
 def environment(variant: str = DEFAULT_VARIANT) -> dict[str, Any]:
-    """What the last bits of a rendered pixel depend on, beside the packages: variant, LLVM, vector width."""
+    """What the last bits of a rendered pixel depend on besides the packages: variant, LLVM, vector width."""
     start(variant)
     import drjit as dr
 
@@ -159,7 +159,7 @@ def environment(variant: str = DEFAULT_VARIANT) -> dict[str, Any]:
 
 
 def simd_width() -> int:
-    """Float32 lanes of the widest vector registers this processor offers to LLVM."""
+    """Number of float32 lanes of the widest vector registers that this processor offers to LLVM."""
     try:
         flags = Path("/proc/cpuinfo").read_text(encoding="utf-8").split("flags", 1)[1].split("\n", 1)[0]
     except (OSError, IndexError):

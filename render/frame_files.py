@@ -1,4 +1,4 @@
-"""Files of a frame on disk, and its line in the journal."""
+"""Files of a frame on disk, and its journal line."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def coverage_channel(marker_id: int) -> str:
 
 
 def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Write the files of a frame; what the journal says of them."""
+    """Write the files of a frame; return their entries for the journal."""
     for name, data in written.items():
         files.write_file(dataset / name, data)
     return {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()}
@@ -49,9 +49,9 @@ def entry_of(
     planes : dict
         At least `Y` and the coverage of each circle.
     fidelity : dict
-        What was measured of each circle when the frame was rendered.
+        Fidelity of each circle, measured when the frame was rendered.
     listed : dict
-        `write_frame`'s.
+        Result of `write_frame`.
     """
     return {
         "frame_id": frame.frame_id,

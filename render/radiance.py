@@ -1,4 +1,4 @@
-"""A frame to linear radiance: rays, light transport, mean and variance of each pixel.
+"""From a frame to linear radiance: rays, light transport, mean and variance of each pixel.
 
 Each pixel is estimated by 8 independently stratified replicates. Their scatter is the variance of the estimate; the
 scatter of single stratified samples would overstate it (five times at an edge).
@@ -24,26 +24,26 @@ from roundel.scenes.markers.marker import Part
 from roundel.scenes.study.sensor_section import filters_of
 from roundel.scenes.world.frame import Frame
 
-# Rays in flight at once: some 50 MB a million.
+# Rays traced at once: about 50 MB per million.
 _CHUNK = 4_000_000
 
-# Fewer pixels than this share are rendered twice rather than left out the first time.
+# If fewer pixels than this fraction need other counts, they are rendered twice instead of being skipped first.
 _FEW = 0.05
 
-# Streams of random numbers: the pilot's must not be the picture's.
+# Streams of random numbers: the pilot and the picture must use different ones.
 _PILOT, _PICTURE = 0, 1
 _PATHS = 0x5BD1E995
 
 Array32 = NDArray[np.float32]
 
-# From a sampler and rays: radiance, depth, whether the plane of the sheet is met, and where on it (x, y), in metres.
+# From a sampler and rays: radiance, depth, whether the sheet's plane is hit, and the position (x, y) on it, in metres.
 Traced = tuple[Any, Any, Any, Any, Any]
 Tracer = Callable[[Any, Any], Traced]
 
 
 @dataclass(frozen=True)
 class _Shot:
-    """A frame ready to be traced."""
+    """A frame, ready for tracing."""
 
     dr: Any
     mi: Any
@@ -67,7 +67,7 @@ class Radiance:
 
 
 def render_radiance(mi: Any, frame: Frame) -> Radiance:
-    """Render a frame: each pixel with as many rays as its target error asks for."""
+    """Render a frame, each pixel with as many rays as its target error needs."""
     import drjit as dr
 
     shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), _tracer(dr, mi, frame))
@@ -75,7 +75,7 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     parts = frame.sheet.parts
 
     def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Part, ...] = parts) -> Array32:
-        # Each count of samples has a stream of random numbers of its own.
+        # Each sample count has its own stream of random numbers.
         seed = (frame.ray_seed ^ (0x9E3779B9 * (2 * samples + purpose))) & 0xFFFFFFFF
         return _estimate(shot, pixels, samples, seed, what)
 
@@ -83,7 +83,7 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
     fewest = frame.settings.render.samples
     special = np.flatnonzero(samples != fewest)
-    # A few pixels too many cost less than picking all others out.
+    # Rendering a few extra pixels costs less than selecting all others.
     everywhere = len(special) < _FEW * len(samples)
     pixels = np.arange(len(samples)) if everywhere else np.flatnonzero(samples == fewest)
     planes = estimate(pixels, fewest, _PICTURE)
@@ -107,7 +107,7 @@ def _tracer(dr: Any, mi: Any, frame: Frame) -> Tracer:
 
 
 def _multijitter_count(samples: int) -> int:
-    """The next count that is a grid of two near factors, as multi-jittering needs (1024 / 8 = 128 becomes 132)."""
+    """The next count with two similar factors, as multi-jittering needs (1024 / 8 = 128 becomes 132)."""
     side = math.isqrt(samples)
     return side * math.ceil(samples / side)
 
@@ -129,7 +129,7 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     dr, mi, frame = shot.dr, shot.mi, shot.frame
     samples = per_replicate * REPLICATES
     rays = len(pixels) * samples
-    # One sample has nothing to be stratified against.
+    # A single sample cannot be stratified.
     kind = "multijitter" if per_replicate > 1 else "independent"
     sampler = mi.load_dict({"type": kind, "sample_count": per_replicate})
     sampler.set_samples_per_wavefront(per_replicate)
@@ -144,7 +144,7 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     radiance, depth, on_plane, x_m, y_m = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
     quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, dr.select(on_plane, depth, 0.0)]
     quantities += [mi.Float(_covers(dr, mi, part, x_m, y_m) & on_plane) for part in parts]
-    # Evaluated together: left to itself each sum would trace all the rays again.
+    # Evaluated together; otherwise each sum would trace all rays again.
     dr.eval(quantities)
     mean, *others = (dr.block_sum(q, samples) / samples for q in quantities)
     scatter = dr.block_sum(quantities[0], per_replicate) / per_replicate - dr.repeat(mean, REPLICATES)
@@ -165,7 +165,7 @@ def _path_sampler(shot: _Shot, sampler: Any, seed: int, rays: int) -> Any:
 
 
 def _through_filter(dr: Any, mi: Any, frame: Frame, radiance: Any, column: Any, row: Any) -> Any:
-    """What a pixel's own colour filter lets through of the radiance."""
+    """The radiance that passes a pixel's own colour filter."""
     mosaic = frame.settings.sensor.mosaic
     if len(radiance) == 1:
         return radiance[0]
@@ -176,7 +176,7 @@ def _through_filter(dr: Any, mi: Any, frame: Frame, radiance: Any, column: Any, 
 
 
 def _covers(dr: Any, mi: Any, part: Part, x_m: Any, y_m: Any) -> Any:
-    """Whether points of the sheet's plane lie within a part's print."""
+    """Whether points of the sheet's plane are on a part's print."""
     x, y = x_m - dr.opaque(mi.Float, part.x_m), y_m - dr.opaque(mi.Float, part.y_m)
     half_w, half_h = (dr.opaque(mi.Float, v) for v in part.half_size_m())
     if part.radius_m is not None:

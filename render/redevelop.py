@@ -1,4 +1,4 @@
-"""`roundel develop`: a dataset's radiance exposed with another sensor, without rendering."""
+"""`roundel develop`: re-expose a dataset's radiance with another sensor, without rendering."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from roundel.scenes.world.frame import Frame, frame_of, group_ranges
 
 
 def _source_study(dataset: Path, manifest: dict[str, Any]) -> Study:
-    """The study of a finished dataset whose frames all have their radiance."""
+    """The study of a finished dataset in which every frame has its radiance."""
     study = load_study(dataset / files.STUDY)
-    # By the file's own checksum: how a dataset_id is computed may change from one version to the next.
+    # Compare file checksums: the computation of a dataset_id may change between versions.
     if files.sha256((dataset / files.STUDY).read_bytes()) != manifest.get("study_sha256"):
         raise DataError(f"{dataset / files.STUDY}: is not the study of this dataset; restore it")
     rendered = {name: group for name, group in study.groups.items() if group.mode == "images"}
@@ -43,7 +43,7 @@ def _source_study(dataset: Path, manifest: dict[str, Any]) -> Study:
 
 
 def _checked_radiance(dataset: Path, entry: journal.Entry) -> Planes:
-    """A frame's planes; the file must be the very one that its journal line tells of."""
+    """A frame's planes; the file must match its journal line."""
     name = files.radiance_name(entry["frame_id"])
     path = dataset / name
     planes = read_radiance(path)
@@ -59,7 +59,7 @@ def _develop_frame(
     same = before.settings.model_dump(exclude={"sensor"}) == frame.settings.model_dump(exclude={"sensor"})
     if not same or not np.array_equal(before.camera_from_sheet, frame.camera_from_sheet):
         raise UsageError(
-            f"frame {frame.frame_id}: its values would be drawn again with this sensor; give numbers, not distributions"
+            f"frame {frame.frame_id}: distributions in this sensor would redraw its other values; give numbers instead"
         )
     check_numbers(source, before, old)
     planes = _checked_radiance(source, old)
@@ -67,7 +67,7 @@ def _develop_frame(
     noise = developed.noise_dn(planes["Y"])
     written = image_file(frame, developed)
     name = files.radiance_name(frame.frame_id)
-    # Only the noise that goes with the radiance is the sensor's; where it is the same the file serves both datasets.
+    # Only the noise plane depends on the sensor; if it is equal, both datasets share the file.
     kept = np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
     if not kept:
         written[name] = encode_radiance(planes | {"noise_dn": noise})
@@ -88,30 +88,30 @@ def develop_dataset(
     sensor_file: str | Path,
     progress: Callable[[int, int], None] | None = None,
 ) -> Dataset:
-    """Expose the radiance of a dataset anew, for another sensor; frames that are there already are kept.
+    """Re-expose the radiance of a dataset with another sensor; existing frames are kept.
 
     Parameters
     ----------
     dataset : path
         A finished dataset with its radiance.
     out : path
-        A new or empty folder, or one that holds the very dataset that is asked for.
+        A new or empty folder, or one that already holds the requested dataset.
     sensor_file : path
-        YAML: keys of a `sensor:` section, laid over each group's own.
+        YAML: keys of a `sensor:` section, which override each group's own.
     progress : callable, optional
         Called with (done, total).
 
     Raises
     ------
     StudyError
-        If the file is no sensor, or asks for what only rendering can change.
+        If the file is not a sensor, or changes what needs rendering.
     UsageError
         If there is no radiance, or `out` holds something else.
     DataError
-        If the dataset is corrupt, or a file cannot be written; what is finished is kept.
+        If the dataset is corrupt, or a file cannot be written; finished frames are kept.
     """
     source, out = Path(dataset), Path(out)
-    # Opened first: a folder that is no dataset has a clearer sentence to say than its missing manifest.
+    # Open it first: for a folder that is not a dataset, that error is clearer than a missing manifest.
     open_images(source)
     manifest = read_manifest(source)
     before = _source_study(source, manifest)

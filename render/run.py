@@ -1,4 +1,4 @@
-"""`roundel render`: a study to a dataset on disk; resumes, and loses at most the current frame when killed."""
+"""`roundel render`: render a study to a dataset on disk; resumable, losing at most the current frame if killed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-# Compressing a frame takes about as long as tracing it, on one core: two at a time keep up.
+# Compressing a frame on one core takes about as long as tracing it: two at a time keep up.
 _FINISHERS = 2
 
 # A frame's journal line and its timings.
@@ -41,7 +41,7 @@ Done = tuple[journal.Entry, dict[str, float]]
 
 
 def _traced(frame: Frame, variant: str) -> tuple[Radiance, float]:
-    """A frame's radiance, and the seconds it took."""
+    """A frame's radiance and its timings in seconds."""
     from roundel.render.radiance import render_radiance
 
     began = time.perf_counter()
@@ -49,7 +49,7 @@ def _traced(frame: Frame, variant: str) -> tuple[Radiance, float]:
 
 
 def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path) -> Done:
-    """Measure, develop and write a frame that is traced; needs no renderer."""
+    """Measure, develop and write a traced frame; needs no renderer."""
     clock = [time.perf_counter()]
     developed = develop(frame, radiance.mean)
     planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
@@ -85,7 +85,7 @@ def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) ->
 
 
 def render_frames(frames: Iterable[Frame], dataset: Path, variant: str = DEFAULT_VARIANT) -> Iterator[Done]:
-    """Frames one after another: while one is traced, those before are measured, compressed and written."""
+    """Frames in order: while one is traced, earlier ones are measured, compressed and written."""
     with ThreadPoolExecutor(_FINISHERS, "finish") as pool:
         before: deque[Future[Done]] = deque()
         for frame in frames:
@@ -116,17 +116,17 @@ def _work(frame_id: int) -> Done:
 def _rendered(
     study: Study, dataset: Path, frame_ids: list[int], jobs: int, variant: str, threads: int | None
 ) -> Iterator[Done]:
-    """Results in whatever order they are ready."""
+    """Results in order of completion."""
     if not frame_ids:
         return
     if jobs == 1:
         start(variant, threads)
         yield from render_frames((frame_of(study, i) for i in frame_ids), dataset, variant)
         return
-    # Started here first: a worker that cannot start tells the pool nothing but that it died.
+    # Start here first: if a worker cannot start, the pool only reports that it died.
     start(variant, threads)
     arguments = (str(study.path), study.digest(), str(dataset), variant, threads)
-    # A fresh interpreter a worker: Dr.Jit's threads do not survive a fork.
+    # One fresh interpreter per worker: Dr.Jit's threads do not survive a fork.
     with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
         try:
             yield from pool.map(_work, frame_ids)
@@ -147,39 +147,39 @@ def render_study(
     progress: Progress | None = None,
     check_progress: Progress | None = None,
 ) -> Dataset | None:
-    """Render a study to a dataset on disk; frames that are there already are kept.
+    """Render a study to a dataset on disk; existing frames are kept.
 
     Parameters
     ----------
     study : Study or path
     dataset : path
-        A new or empty folder, or one that holds this very study.
+        A new or empty folder, or one that holds this study.
     jobs : int
-        Processes; one of them uses all cores already.
+        Number of processes; a single process already uses all cores.
     threads : int, optional
         Threads of each process. The bytes do not depend on jobs or threads.
     frames : range, optional
-        Only these frame ids; the dataset is finished when no frame is missing.
+        Only these frame ids; the dataset is finished once no frame is missing.
     variant : str
         Mitsuba variant.
     progress : callable, optional
         Called with (done, total) as frames are rendered.
     check_progress : callable, optional
-        Called with (done, total) before that, while every frame is placed.
+        Called with (done, total) before that, while all frames are placed.
 
     Returns
     -------
     Dataset or None
-        None while frames are still missing.
+        None if frames are still missing.
 
     Raises
     ------
     StudyError
-        Before anything is rendered, if some frame cannot be.
+        Before anything is rendered, if a frame is impossible.
     UsageError
         If the folder holds something else.
     DataError
-        If a file cannot be written (what is finished is kept), or if finished frames were drawn otherwise.
+        If a file cannot be written (finished frames are kept), or if finished frames were drawn differently.
     """
     if not isinstance(study, Study):
         study = load_study(study)
@@ -190,7 +190,7 @@ def render_study(
     digests: dict[int, str] = {}
     count = sum(map(len, ranges.values()))
     for frame in frames_of(study):
-        # Every frame is placed before the first is rendered: a study that cannot be finished is refused now.
+        # Place every frame before rendering the first: an impossible study is refused now.
         digests[frame.frame_id] = frame_digest(frame)
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)

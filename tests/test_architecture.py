@@ -1,4 +1,4 @@
-"""The architecture: packaging, imports, the size of files and folders, and how soon the command answers."""
+"""The architecture: packaging, imports, the size of files and folders, and the start-up time of the command."""
 
 import ast
 import importlib.metadata

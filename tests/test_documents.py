@@ -1,4 +1,4 @@
-"""The documents: links that lead somewhere, a README that is read, pages made from the code that cover the code."""
+"""The documents: valid links, a README that works, and generated pages that cover the code."""
 
 import re
 import sys

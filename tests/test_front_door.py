@@ -1,4 +1,4 @@
-"""`import roundel`: what it offers, that an editor can complete it, and that it loads nothing until it is used."""
+"""`import roundel`: its public names, completion in editors, and lazy loading."""
 
 import ast
 import importlib

@@ -1,4 +1,4 @@
-"""Each import contract fails when it is broken: a forbidden import is planted in a copy of the tree, one at a time."""
+"""Each import contract fails if it is broken: forbidden imports are planted in a copy of the tree, one at a time."""
 
 import shutil
 import subprocess

@@ -1,5 +1,5 @@
-"""Markers to print, to scale.
+"""Printing markers to scale.
 
 marker_layouts: Marker layouts for printing: all sizes follow from one diameter
-print_page: Printable page: the sheet as vectors, to scale, with rulers to check the printer
+print_page: Printable page: the target sheet as vectors, to scale, with rulers to check the printer
 """

@@ -12,7 +12,7 @@ from roundel.scenes.study.study import validated
 
 DEFAULT_DIAMETER_M = 0.08
 
-# In diameters, where nothing else is asked for.
+# Default sizes, in diameters.
 _OF_DIAMETER: dict[str, dict[str, float]] = {
     "ring": {"inner_diameter_m": 0.5},
     "two_discs": {"second_diameter_m": 0.5, "spacing_m": 1.0},
@@ -29,21 +29,21 @@ _BOARDS: dict[str, dict[str, Any]] = {
     "dot_ring": {"dots": 6},
     "coded_rings": {"code": list(_CODE)},
 }
-# What a printer, the paper and the room do by themselves.
+# Keys that apply to rendering only: printer, paper and surroundings determine them.
 _RENDERED = ("ink", "paper", "wall", "edge_softness_m", "grain", "grain_m", "surface", "clutter")
 
 
 def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -> Any:
-    """Section of the marker that is to be printed.
+    """Section of the marker to print.
 
     Parameters
     ----------
     kind : str
         One of `scenes.marker_section.KINDS`.
     diameter_m : float or None
-        Outer diameter of the circle; of a dot in a ring of dots.
+        Outer diameter of the circle, or of a dot in a ring of dots.
     keys : dict
-        Keys of the section, laid over the defaults.
+        Keys of the section, which override the defaults.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def parse_set(texts: list[str]) -> dict[str, Any]:
     Raises
     ------
     UsageError
-        If one is not of this form.
+        If an argument does not have this form.
     """
     out: dict[str, Any] = {}
     for text in texts:

@@ -1,4 +1,4 @@
-"""Printable page: the sheet as vectors, to scale, with rulers to check the printer."""
+"""Printable page: the target sheet as vectors, to scale, with rulers to check the printer."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ FORMATS = (".pdf", ".svg")
 RULER_MM = 100.0
 _EDGE_MM = 10.0  # few printers reach the last 5 mm of a page; the cut marks may lie between
 _FOOT_MM = 46.0
-_MIN_QUIET = 0.1  # of the print's smaller side: without paper round it a dark marker has no outer edge
+_MIN_QUIET = 0.1  # of the print's smaller side: a dark marker needs paper around it to have an outer edge
 _THIN_PT, _MARK_PT = 0.35, 0.5
 _POINT_MM = 25.4 / 72.0
 
 
 @dataclass(frozen=True)
 class Page:
-    """Where everything stands on the paper, millimetres from its lower left corner.
+    """Layout of the page, in millimetres from its lower left corner.
 
     Attributes
     ----------
     width_mm, height_mm : float
     sheet : Sheet
-        What is printed, its quiet zone as it fits.
+        The printed sheet, with its quiet zone reduced to fit.
     origin_mm : (float, float)
         The sheet's origin: the centre of the marker's first part.
     upright_ruler : bool
@@ -56,12 +56,12 @@ class Page:
 
 
 def lay_out(section: Any, paper: str = "a4") -> Page:
-    """Place a marker on a page, upright if it fits so, with as much of its quiet zone as there is room for.
+    """Place a marker on a page, upright if possible, with as much of its quiet zone as fits.
 
     Raises
     ------
     UsageError
-        If the paper is unknown, or the marker does not fit: the message says what would.
+        If the paper is unknown, or the marker does not fit; the message says what would fit.
     """
     if paper not in PAPERS_MM:
         raise UsageError(f"--paper {paper}: unknown; use {', '.join(PAPERS_MM)}")
@@ -122,7 +122,7 @@ def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
     Raises
     ------
     UsageError
-        As `lay_out`; if the file's ending is another.
+        As `lay_out`; if the file name has another suffix.
     DataError
         If the file cannot be written.
     """
@@ -134,7 +134,7 @@ def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    # Type 3 keeps the lettering as text without a second of subsetting fonts; the salt takes chance out of SVG's names.
+    # Type 3 keeps lettering as text without slow font subsetting; the salt makes SVG identifiers deterministic.
     with mpl.rc_context({"pdf.fonttype": 3, "svg.hashsalt": "roundel", "svg.fonttype": "path"}):
         figure = Figure(figsize=(page.width_mm / 25.4, page.height_mm / 25.4))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
@@ -154,7 +154,7 @@ def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
 
 
 def _draw_sheet(axes: Axes, page: Page, section: Any) -> None:
-    """The shapes in the order they are painted: what is nearer to ink is black, what is nearer to paper is white."""
+    """The shapes in painting order: reflectances nearer to ink are black, those nearer to paper white."""
     from matplotlib.patches import Rectangle
 
     sheet, (x, y) = page.sheet, page.origin_mm
@@ -174,20 +174,20 @@ def _patch(shape: Shape, x_mm: float, y_mm: float, colour: str) -> Any:
 
     centre = np.array([x_mm + 1e3 * shape.x_m, y_mm + 1e3 * shape.y_m])
     if isinstance(shape, Disc):
-        # Thirty-two arcs are round to 1e-9; matplotlib's own circle has eight, and is 0.03 mm too wide at 80 mm.
+        # Thirty-two arcs approximate a circle to 1e-9; matplotlib's has eight, and is 0.03 mm too wide at 80 mm.
         arcs = Outline.arc(0.0, 360.0, n=32)
         curve = centre + 1e3 * shape.radius_m * np.asarray(arcs.vertices, dtype=np.float64)
         codes = [*np.asarray(arcs.codes).tolist(), Outline.CLOSEPOLY]
         return PathPatch(Outline(np.vstack([curve, curve[:1]]), codes), facecolor=colour, linewidth=0)
     boxes = centre + 1e3 * (_arc_boxes(shape) if isinstance(shape, Sectors) else _boxes(shape))
-    # One path for all of them: where cells touch, viewers then show no hairline between.
+    # One path for all cells: viewers then show no hairlines between touching cells.
     codes = [Outline.MOVETO, *[Outline.LINETO] * (boxes.shape[1] - 1), Outline.CLOSEPOLY] * len(boxes)
     closed = np.concatenate([boxes, boxes[:, :1]], axis=1).reshape(-1, 2)
     return PathPatch(Outline(closed, codes), facecolor=colour, linewidth=0)
 
 
 def _boxes(shape: Bar | Checker | Cells) -> Array:
-    """Corners (n, 4, 2) of what is ink, from the shape's centre, in metres."""
+    """Corners (n, 4, 2) of the inked cells, relative to the shape's centre, in metres."""
     if isinstance(shape, Bar):
         turn = np.radians(shape.turn_deg)
         c, s = np.cos(turn), np.sin(turn)
@@ -209,7 +209,7 @@ def _boxes(shape: Bar | Checker | Cells) -> Array:
 
 
 def _arc_boxes(shape: Sectors) -> Array:
-    """Outlines (n, 2 m, 2) of the cells that are ink: their arcs as chords, 1e-5 of a radius from round."""
+    """Outlines (n, 2 m, 2) of the inked cells: arcs as chords, within 1e-5 of a radius."""
     step, chords = 2 * np.pi / shape.sectors, max(2, -(-720 // shape.sectors))
     out = []
     for ring, sector in np.argwhere(shape.table() == 1).tolist():
@@ -230,12 +230,12 @@ def _draw_lines(axes: Axes, lines: list[tuple[float, float, float, float]], widt
     from matplotlib.path import Path as Outline
 
     path = Outline(np.reshape(lines, (-1, 2)), [Outline.MOVETO, Outline.LINETO] * len(lines))
-    path.should_simplify = False  # for a screen's pixels it would move ends by some hundredths of a millimetre
+    path.should_simplify = False  # simplification for screen pixels would move ends by some hundredths of a millimetre
     axes.add_patch(PathPatch(path, fill=False, edgecolor=colour, linewidth=width_pt, capstyle="butt"))
 
 
 def _draw_marks(axes: Axes, page: Page) -> None:
-    """Where to cut, and where the marker's centre is: all outside of the sheet."""
+    """Cut marks and marks of the marker's centre, all outside the sheet."""
     sheet, (x, y) = page.sheet, page.origin_mm
     (left, bottom), (right, top) = ((x + 1e3 * a, y + 1e3 * b) for a, b in (sheet.low_m, sheet.high_m))
     near, far, lines = 2.0, 6.0, []
@@ -268,7 +268,7 @@ def _draw_foot(axes: Axes, page: Page, section: Any) -> None:
 
 
 def _ruler(axes: Axes, corner_mm: float, upright: bool, first: int) -> None:
-    """A line of exactly 100 mm, its ends at the middle of the outermost ticks; numbers from `first` on."""
+    """A line of exactly 100 mm, its ends at the middle of the outermost ticks; labels start at `first`."""
     bold, thin = [(0.0, 0.0, RULER_MM, 0.0)], list[tuple[float, float, float, float]]()
     for i in range(101):
         length = 3.2 if i % 50 == 0 else 2.4 if i % 10 == 0 else 1.6 if i % 5 == 0 else 1.0

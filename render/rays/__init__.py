@@ -1,4 +1,4 @@
-"""Pixels to rays: lens, aperture, shutter, and how many of them.
+"""From pixels to rays: lens, aperture, shutter, and sample counts.
 
 rays: From pixels to rays, in one pass: pixel aperture, diffraction, distortion, thin lens, shutter and motion
 sample_allocation: Bands of pixels around the imaged edges of a frame, in closed form

@@ -1,8 +1,8 @@
 """From pixels to rays, in one pass: pixel aperture, diffraction, distortion, thin lens, shutter and motion.
 
 World coordinates are the camera frame at time 0 (OpenCV's: x right, y down, z forward), and image positions are
-OpenCV's: the centre of the top-left pixel is (0, 0). Mitsuba's scene gets the rays as they are, so that its own count
-of pixels, from their corners, is met nowhere.
+OpenCV's: the centre of the top-left pixel is (0, 0). The rays are passed to Mitsuba's scene directly, so that its own
+pixel coordinates, which start at pixel corners, are never used.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from roundel.scenes.camera.motion import adjoint
 from roundel.scenes.study.sensor_section import filters_of
 from roundel.scenes.world.frame import Frame
 
-# Entries of the inverse of the encircled energy: between two of them lies 0.02 % of the light.
+# Number of entries of the inverse encircled energy: 0.02 % of the light is between two entries.
 _AIRY_ENTRIES = 4096
 
 
 @dataclass(frozen=True)
 class Optics:
-    """A frame's camera and motion as numbers of the tracer.
+    """A frame's camera and motion as values of the tracer.
 
-    Every number is opaque to it, so that frames share kernels; only what is None decides the kernel's structure.
+    Every value is opaque to it, so that frames share kernels; only which values are None affects the kernel.
     """
 
     fx: Any
@@ -57,7 +57,7 @@ class Optics:
 
 
 def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
-    """The numbers of a frame's rays."""
+    """The values of a frame's rays."""
     camera, motion = frame.camera, frame.motion
     k = camera.K
 
@@ -75,7 +75,7 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
     has_mosaic = frame.settings.sensor.mosaic != "none"
     in_colours = has_mosaic and len(camera.wavelengths_m) == 3
     scale = 1 / (2 * np.pi * effective_radius_m(camera)) if diffracts else 0.0
-    # Only what is used is handed over: an unused table would still be a different kernel.
+    # Pass only what is used: an unused table would still change the kernel.
     return Optics(
         fx=number(k[0, 0]),
         fy=number(k[1, 1]),
@@ -134,7 +134,7 @@ def _lens_point(dr: Any, mi: Any, optics: Optics, sample: Any) -> Any:
     """A point of the aperture, uniform by area."""
     if optics.blades is None:
         return optics.aperture * mi.warp.square_to_uniform_disk_concentric(sample)
-    # The polygon's triangles from its centre: the first number chooses one, and its rest places the point.
+    # The polygon is split into triangles at its centre: the first number selects one, its remainder places the point.
     place = sample.x * optics.blades
     corner = dr.floor(dr.minimum(place, optics.blades - 1e-3))
     step = dr.two_pi / optics.blades
@@ -145,10 +145,10 @@ def _lens_point(dr: Any, mi: Any, optics: Optics, sample: Any) -> Any:
 
 
 def _moved(dr: Any, mi: Any, twist: list[Any], time: Any, point: Any, direction: Any) -> tuple[Any, Any]:
-    """A ray after `time` seconds of a constant twist: the closed form of `scenes.motion.exp_twist`."""
+    """A ray after `time` seconds of a constant twist: the closed form of `scenes.camera.motion.exp_twist`."""
     v, w = mi.Vector3f(*twist[:3]) * time, mi.Vector3f(*twist[3:]) * time
     a2 = dr.squared_norm(w)
-    # Series: no cancellation at small angles, and exact to float32 up to a radian, which no exposure reaches.
+    # Series: no cancellation at small angles, and exact in float32 up to one radian, which no exposure reaches.
     first = 1 + a2 * (-1 / 6 + a2 * (1 / 120 + a2 * (-1 / 5040 + a2 / 362880)))
     second = 0.5 + a2 * (-1 / 24 + a2 * (1 / 720 + a2 * (-1 / 40320 + a2 / 3628800)))
     third = 1 / 6 + a2 * (-1 / 120 + a2 * (1 / 5040 + a2 * (-1 / 362880 + a2 / 39916800)))
@@ -163,7 +163,7 @@ def _moved(dr: Any, mi: Any, twist: list[Any], time: Any, point: Any, direction:
 
 
 def _chief(dr: Any, mi: Any, optics: Optics, x: Any, y: Any) -> Any:
-    """Direction that the lens images at normalised image coordinates: its distortion, undone."""
+    """Direction that the lens images at normalised image coordinates, by inverting the distortion."""
     if optics.model == "fisheye":
         return directions(dr, mi, optics.distortion, x, y)
     if optics.distortion:
@@ -177,18 +177,18 @@ def shoot(dr: Any, mi: Any, optics: Optics, column: Any, row: Any, sampler: Any)
     Parameters
     ----------
     column, row : UInt32
-        Of the pixel.
+        Position of the pixel.
     sampler : Sampler
-        Gives pixel, aperture, time, diffraction and wavelength, each stratified.
+        Samples pixel, aperture, time, diffraction and wavelength, each stratified.
 
     Returns
     -------
     ray : RayDifferential3f
     weight : Float
-        Of natural and mechanical vignetting; 1 without.
+        Weight from natural and mechanical vignetting; 1 without vignetting.
     """
     jitter = sampler.next_2d()
-    # A pixel collects on a square about its centre, which stands at whole numbers.
+    # A pixel collects light on a square about its centre, which has integer coordinates.
     u = mi.Float(column) + (jitter.x - 0.5) * optics.side
     v = mi.Float(row) + (jitter.y - 0.5) * optics.side
     y = (v - optics.cy) / optics.fy

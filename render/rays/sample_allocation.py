@@ -1,7 +1,7 @@
 """Bands of pixels around the imaged edges of a frame, in closed form.
 
-Edges of the print, the border of the sheet, outlines of what stands before it; widened by defocus, soft print, the core
-of the Airy pattern, and by all that they sweep while the shutter is open.
+Edges of the print, the border of the sheet and outlines of occluders, widened by defocus, soft print edges, the core of
+the Airy pattern, and the motion during the exposure.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from roundel.scenes.truth.truth import defocus_radius_px
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.occluders import occluder_outlines_m, plates_of
 
-# Points along an edge stand this close, so that no pixel it crosses is left out.
+# Spacing of points along an edge, small enough that no pixel it crosses is missed.
 _STEP_PX = 0.4
 
-# Poses an edge is drawn at while it moves less than this from one to the next.
+# An edge is drawn at so many poses that it moves less than this from one to the next.
 _MOTION_STEP_PX = 0.5
 _MOST_POSES = 257
 
-# Of the Airy pattern's light 5 % falls beyond this x: the pilot of the whole frame sees to the rest.
+# Five per cent of the Airy pattern's light falls beyond this x; the pilot of the whole frame covers it.
 _AIRY_CORE = 12.7
 
 Array = NDArray[np.float64]
@@ -48,14 +48,14 @@ def _dense(lines: list[Array], frame: Frame) -> Array:
     nearest = np.minimum(a @ pose[2, :3], b @ pose[2, :3]) + pose[2, 3]
     length_px = np.linalg.norm(b - a, axis=1) * frame.camera.K[0, 0] / np.maximum(nearest, 1e-3)
     steps = np.clip(np.ceil(length_px / _STEP_PX), 1, 20_000).astype(np.int64)
-    # All stretches at once, as a board of tags has thousands: number of the stretch, and of the step within it.
+    # All segments at once, because a board of tags has thousands: index of the segment, and of the step within it.
     which = np.repeat(np.arange(len(a)), steps)
     step = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     return np.asarray(a[which] + (step / steps[which])[:, None] * (b - a)[which], dtype=np.float64)
 
 
 def _exposed(frame: Frame, points_m: Array) -> tuple[Array, float]:
-    """Image positions of sheet points through the exposure, and how far they move from one to the next, in pixels."""
+    """Image positions of sheet points during the exposure, and the distance between successive ones, in pixels."""
     camera, motion, pose = frame.camera, frame.motion, frame.camera_from_sheet
 
     def image(time_s: float) -> Array:
@@ -74,14 +74,14 @@ def _exposed(frame: Frame, points_m: Array) -> tuple[Array, float]:
     seen = []
     for time in np.linspace(begin, end, count):
         px = image(float(time))
-        # Only rows whose shutter is open just then; one step more, for what lies between two poses.
+        # Only rows whose shutter is open at that time; one extra step covers positions between two poses.
         open_now = np.abs(time - motion.row_time_s(px[:, 1])) <= half + (end - begin) / (count - 1)
         seen.append(px[open_now])
     return np.concatenate(seen), speed * (end - begin) / (count - 1)
 
 
 def _near_image(camera: Camera, points_m: Array) -> NDArray[np.bool_]:
-    """Which points of the camera frame are imaged in the image, or within its own size of it."""
+    """Which points of the camera frame are imaged inside the image, or within its own size of it."""
     size = np.array([camera.width_px, camera.height_px])
     front = points_m[:, 2] > 1e-6
     px = np.full((len(points_m), 2), np.inf)
@@ -97,12 +97,12 @@ def _band(frame: Frame, lines: list[Array]) -> NDArray[np.bool_]:
     depths, step = [float(pose[2, 3])], 0.0
     dense = _dense(lines, frame)
     depth = dense @ pose[2, :3] + pose[2, 3]
-    # A lamp beside the camera is blurred beyond measure and as fast, but imaged far away: it has no part in this.
+    # A lamp beside the camera is extremely blurred and fast, but its image is far away: ignore it.
     near = _near_image(camera, dense @ pose[:3, :3].T + pose[:3, 3])
     if near.any():
         depths += [float(depth[near].max()), float(depth[near].min())]
         px, step = _exposed(frame, dense[near])
-        # Far outside the image a pixel's number may not fit an integer; it is not needed.
+        # Far outside the image a pixel index may overflow an integer, and is not needed.
         px = px[np.isfinite(px).all(axis=1) & (np.abs(px) < 1e6).all(axis=1)]
         columns, rows = np.rint(px).astype(np.int64).T
         seen = (columns >= 0) & (columns < camera.width_px) & (rows >= 0) & (rows < camera.height_px)
@@ -114,7 +114,7 @@ def _band(frame: Frame, lines: list[Array]) -> NDArray[np.bool_]:
 
 
 def window_of(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
-    """The rows and columns that hold all of a mask, and a margin: markers are small, frames are large."""
+    """The rows and columns that contain a mask, plus a margin: markers are small compared with frames."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return slice(0, 0), slice(0, 0)
@@ -125,14 +125,14 @@ def window_of(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
 
 
 def _dilated(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """A mask widened by a square of `reach` pixels to each side."""
+    """A mask dilated by a square of `reach` pixels to each side."""
     window = window_of(mask, reach)
     mask[window] = maximum_filter(mask[window], 2 * reach + 1) if mask[window].size else False
     return mask
 
 
 def sample_map(frame: Frame) -> SampleMap:
-    """Where a frame's edges are imaged."""
+    """Masks of the pixels where a frame's edges are imaged."""
     border, *edges = [np.column_stack([line, np.zeros(len(line))]) for line in outlines(frame.sheet)]
     things = occluder_outlines_m(plates_of(frame.settings, frame.camera_from_sheet), np.eye(4))
     edge = _band(frame, edges + things)

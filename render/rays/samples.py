@@ -1,8 +1,8 @@
 """Samples per pixel: few where the image is smooth, many where it has structure.
 
-Where the print's edges are imaged is known in closed form. How many rays a pixel there needs, a pilot of few rays
-tells: its variance, smoothed over neighbours, against the target error. Pilots are thrown away: a count that was
-decided by the very rays it counts would bias the mean.
+The images of the print's edges are known in closed form. A pilot of few rays determines how many rays a pixel there
+needs: its variance, smoothed over neighbours, is compared with the target error. Pilots are discarded: reusing rays
+that determined the sample count would bias the mean.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ _LATTICE = 2
 _WORLD_LATTICE = 4
 _LATTICE_SAMPLES = 8
 
-# The border of the sheet is no marker, and a smooth area no edge: they may err this much more.
+# Factors on the error allowed at the border of the sheet and in smooth areas, which are not marker edges.
 _BORDER_FACTOR, _SMOOTH_FACTOR = 4.0, 2.0
 _MOST_SMOOTH = 128
 
-# Counts are rounded up to these: 8, 16, 24, 32, 48, 64, 96 and so on, all of 8 replicates.
+# Counts are rounded up to 8, 16, 24, 32, 48, 64, 96 and so on, all with 8 replicates.
 _TIERS = 8 * np.unique([1] + [m * 2**k for k in range(13) for m in (2, 3)])
 
 Estimate = Callable[[NDArray[np.int64], int], NDArray[np.float32]]
 
 
 def _has_structure(frame: Frame) -> bool:
-    """Whether a frame may vary, or be noisy, where no edge of the print is: then the pilot looks everywhere."""
+    """Whether a frame may vary or be noisy away from the print's edges; the pilot then covers the whole frame."""
     rough = not is_smooth(frame.sheet)
     barrel = np.isfinite(frame.camera.barrel_radius_m)
     return rough or barrel or not is_plain(frame) or spread_px(frame.camera)[1] > frame.settings.render.band_px
@@ -48,14 +48,14 @@ def _tier(samples: NDArray[np.float64], tiers: NDArray[np.int64] = _TIERS) -> ND
 
 
 def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.int64]:
-    """Rays a pixel, (H * W,).
+    """Rays per pixel, (H * W,).
 
     Parameters
     ----------
     frame : Frame
     plan : SampleMap
     estimate : callable
-        From pixels (n,) and a count of samples: the pilot's means and variances (2, n).
+        Function from pixels (n,) and a sample count to the pilot's means and variances (2, n).
     """
     render, camera = frame.settings.render, frame.camera
     shape = camera.height_px, camera.width_px
@@ -76,10 +76,10 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
     white = float(np.quantile(pilot[0][inside], 0.98)) if len(pixels) else 0.0
     target2 = (render.target_error * white) ** 2
     if target2 > 0:
-        # A variance from 8 replicates is a rough one; its neighbours on the edge, those that vary at all, steady it.
+        # A variance from 8 replicates is imprecise; smooth it over neighbours on the edge whose variance is not zero.
         varies = uniform_filter((pilot[1] > 0).astype(np.float64), 3)
         steady = np.maximum(pilot[1], uniform_filter(pilot[1], 3) / np.maximum(varies, 1 / 9))
-        # Stratified over the pixel alone, an edge's variance falls with the power 3/2; over more dimensions, with 1.
+        # Stratified over the pixel alone, an edge's variance falls with power 3/2; over more dimensions, with 1.
         rays_are_plain = camera.aperture_radius_m == 0 and not frame.motion.moves
         power = 2 / 3 if rays_are_plain else 1.0
         for mask, factor in ((plan.edge, 1.0), (plan.border, _BORDER_FACTOR)):
@@ -108,7 +108,7 @@ def _elsewhere(frame: Frame, estimate: Estimate, target: float) -> NDArray[np.in
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
     pixels = (rows[:, None] * width + columns).ravel()
     _, variances = estimate(pixels, _LATTICE_SAMPLES).reshape(2, len(rows), len(columns)).astype(np.float64)
-    # One sample a replicate: smoothed over 3 x 3 of the lattice, then spread, so that no edge falls between two pilots.
+    # One sample per replicate: smooth over 3 x 3 of the lattice, then dilate, so that no edge is missed between pilots.
     variance = maximum_filter(uniform_filter(variances, 3), 3)
     wanted = _LATTICE_SAMPLES * variance / target**2
     counts = np.minimum(_tier(wanted), max(_MOST_SMOOTH, frame.settings.render.samples))

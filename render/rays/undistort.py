@@ -1,8 +1,8 @@
 """The inverse of the lens model inside the tracer, in float32: image positions to the rays that the lens images there.
 
-What is exact in `roundel.scenes.camera.lens_opencv` and `lens_fisheye` is done here with a fixed number of Newton
-steps, so that it is straight code of one kernel. The steps start from a polynomial that is fitted, camera by camera, to
-the exact inverse of the radial part: they begin on the right branch, near enough to stay there.
+The exact inverses of `roundel.scenes.camera.lens_opencv` and `lens_fisheye` are computed here with a fixed number of
+Newton steps, which gives one kernel without branches. The steps start from a polynomial fitted, for each camera, to the
+exact inverse of the radial part: they start on the right branch, close enough to stay on it.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from roundel.scenes.camera.model import Camera, distorts, normalise
 Array = NDArray[np.float64]
 
 # The start: kappa, the least s, 2 / (1 - least), and a polynomial in z = (s - least) 2 / (1 - least) - 1 with
-# s = sqrt(1 - kappa rho^2); then the guard, how far out an answer may lie. Where the field ends the inverse has the
-# edge of a square root, which a polynomial in s follows and one in rho does not.
+# s = sqrt(1 - kappa rho^2); then the guard, the largest radius of a solution. Where the field ends, the inverse behaves
+# like a square root, which a polynomial in s can represent and one in rho cannot.
 _START_TERMS = 8
 _HEAD = 3 + _START_TERMS + 1
 
-# The start is good to some 1e-3, and each step squares that: two would do. Where the image reaches the edge of the
-# field a step only halves the error, and five bring it below 0.01 px within 0.1 % of the edge.
+# The start is accurate to about 1e-3, and each step squares the error: two would suffice. If the image reaches the edge
+# of the field, a step only halves the error, and five reduce it below 0.01 px within 0.1 % of the edge.
 _STEPS = 5
 
-# The diffracted light of a pixel comes from beyond the image's border, too.
+# The diffracted light of a pixel also comes from beyond the image border.
 _MARGIN = 1.1
 
 _SHORT_OF_EDGE = 0.995
@@ -37,10 +37,10 @@ _TILT = 14
 
 
 def lens_numbers(camera: Camera) -> tuple[float, ...]:
-    """The numbers that `undistorted` and `directions` take, empty for a camera without distortion.
+    """The values that `undistorted` and `directions` take; empty for a camera without distortion.
 
-    How many they are depends on the model and its count of coefficients alone: cameras that differ in numbers only
-    share a kernel.
+    Their number depends only on the model and its number of coefficients: cameras that differ only in values share a
+    kernel.
     """
     if not distorts(camera):
         return ()
@@ -67,12 +67,12 @@ def _reach(corners: Array) -> float:
 
 
 def _start(image: Array, radius: Array, reach: float) -> tuple[float, ...]:
-    """The numbers of the start, by least squares over the image."""
-    # Short of the field's edge: the image grows ever more slowly there, and from within Newton's method stays within.
+    """The coefficients of the start, by least squares over the image."""
+    # Stop short of the field's edge, where the radial image flattens; started inside, Newton's method stays inside.
     rho_max = min(reach, _SHORT_OF_EDGE * float(image[-1]))
     kappa = min(2 * rho_max, float(image[-1])) ** -2.0
     least = np.sqrt(max(0.0, 1 - kappa * rho_max**2))
-    # Chebyshev's nodes keep the polynomial from swinging at either end.
+    # Chebyshev nodes prevent oscillation of the polynomial at the ends.
     z = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     s = least + (1 - least) * (1 + z) / 2
     rho = np.sqrt((1 - s * s) / kappa)
@@ -108,7 +108,7 @@ def undistorted(dr: Any, mi: Any, model: str, numbers: Any, xd: Any, yd: Any) ->
     Returns
     -------
     x, y : Float
-        Finite everywhere: beyond the lens's field, where there is no answer, they are the start.
+        Finite everywhere: outside the lens's field, where there is no solution, the start is returned.
     """
     if model != "opencv":
         raise ValueError(f"undistorted: the lens model {model!r} has no undistorted coordinates everywhere")
@@ -121,7 +121,7 @@ def undistorted(dr: Any, mi: Any, model: str, numbers: Any, xd: Any, yd: Any) ->
     start_x, start_y = xd * factor, yd * factor
     x, y = start_x, start_y
     for _ in range(_STEPS):
-        # The same terms as scenes.lens_opencv, where each is explained.
+        # The same terms as in scenes.camera.lens_opencv, which explains each.
         u = x * x + y * y
         radial, slope = _polynomial([1.0, k1, k2, *more[:1]], u), _slope([k1, k2, *more[:1]], u)
         if len(more) >= 4:
@@ -139,7 +139,7 @@ def undistorted(dr: Any, mi: Any, model: str, numbers: Any, xd: Any, yd: Any) ->
             a, b, c, d = a + prism_x * x, b + prism_x * y, c + prism_y * x, d + prism_y * y
         over = 1 / (a * d - b * c)
         x, y = x + (d * miss_x - b * miss_y) * over, y + (a * miss_y - c * miss_x) * over
-    # Not finite is not less either.
+    # The comparison is also false for values that are not finite.
     good = x * x + y * y < dr.square(head[-1])
     return dr.select(good, x, start_x), dr.select(good, y, start_y)
 
@@ -162,7 +162,7 @@ def directions(dr: Any, mi: Any, numbers: Any, xd: Any, yd: Any) -> Any:
     Returns
     -------
     Vector3f
-        To 90 degrees from the axis and beyond; the widest angle of the lens where it images nothing.
+        Valid to 90 degrees from the axis and beyond; the lens's widest angle where it images nothing.
     """
     head, (k1, k2, k3, k4) = numbers[:_HEAD], numbers[_HEAD:]
     rho2 = xd * xd + yd * yd

@@ -12,5 +12,5 @@ paths: Light transport in a world: all lights are sampled where a ray first land
 scene: A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders
 textures: Procedural textures at real scale: wood, cardboard, plaster, brick, concrete and fabric, as arrays of
     reflectance
-transport: Light transport on a plain sheet in closed form, without ray intersection
+transport: Light transport on an unoccluded matte sheet in closed form, without ray intersection
 """

@@ -1,8 +1,8 @@
 """The ink plugin: a Mitsuba texture that evaluates a sheet's shapes analytically, ray by ray.
 
-No texels, no tessellation: how a point reflects is decided by the same inequalities as
+There are no texels and no tessellation: the reflectance of a point follows from the same inequalities as in
 `roundel.scenes.markers.ink_pattern.reflectance_at`. The plugin reads the hit point, not the texture coordinates, so
-the wall may be large without costing the marker any digits.
+that a large wall does not reduce the precision on the marker.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ def register_ink(mi: Any) -> None:
     import drjit as dr
 
     class Ink(mi.Texture):  # type: ignore[misc]
-        """Reflectance of a printed sheet before a wall. Call `paint` before use."""
+        """Reflectance of a printed sheet in front of a wall. Call `paint` before use."""
 
         def __init__(self, props: Any) -> None:
             mi.Texture.__init__(self, props)
 
         def paint(self, sheet: Sheet, camera_from_sheet: NDArray[np.float64]) -> None:
-            """Take the sheet to print. Every number is opaque to the tracer, so that frames share one kernel."""
+            """Set the sheet. Every number is opaque to the tracer, so that frames share one kernel."""
 
             def number(value: float) -> Any:
                 return dr.opaque(mi.Float, value)

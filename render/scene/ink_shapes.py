@@ -1,8 +1,8 @@
 """Coverage of ink, grain and clutter, traced by Dr.Jit in float32.
 
-The definitions are those of `roundel.scenes.markers.ink_pattern` and `roundel.scenes.markers.value_noise`; the integers
-that are hashed are the same. Every number is opaque to the tracer: a kernel depends on the kinds of shapes and on their
-count, and a board of tags is one look-up in a table.
+The definitions are those of `roundel.scenes.markers.ink_pattern` and `roundel.scenes.markers.value_noise`, with the
+same hashed integers. Every number is opaque to the tracer: a kernel depends only on the kinds of shapes and their
+count, and a board of tags is one table lookup.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from roundel.scenes.markers.value_noise import (
     GRAIN_AMPLITUDE,
 )
 
-# From positions in the sheet's plane to coverage; where edges are sharp, a mask.
+# Function from positions in the sheet's plane to coverage; a mask if edges are sharp.
 Cover = Callable[[Any, Any], Any]
 
 
@@ -73,7 +73,7 @@ def _bar(mi: Any, shape: Bar, softness: Any) -> Cover:
     return cover
 
 
-# Intervals, and the share that each has.
+# Intervals, and the share of each.
 _Reached = list[tuple[Any, Any]]
 
 
@@ -87,7 +87,7 @@ def _reached(dr: Any, at: Any, softness: Any, locate: Callable[[Any], tuple[Any,
 
 
 def _summed(dr: Any, rows: _Reached, columns: _Reached, ink: Callable[[Any, Any], Any]) -> Any:
-    """Coverage from the ink of the intervals: the one there is, or the shares of all that are reached."""
+    """Coverage from the ink of the intervals: of the only one, or weighted by the shares of all."""
     if rows[0][1] is None:
         return ink(columns[0][0], rows[0][0])
     return sum(
@@ -121,7 +121,7 @@ def _cells(mi: Any, shape: Cells, softness: Any) -> Cover:
     width, height = shape.span_m()
     side = dr.opaque(mi.UInt32, shape.side)
     across = dr.opaque(mi.UInt32, shape.columns)
-    # Where tags touch there is no gap for rounding to fall into.
+    # Touching tags have no gap, so rounding must not create one.
     last = dr.opaque(mi.UInt32, shape.side if shape.pitch_m > shape.tag_m else shape.side - 1)
     pitch, cell = (dr.opaque(mi.Float, n) for n in (shape.pitch_m, shape.cell_m))
     sizes = [dr.opaque(mi.Float, float(n)) for n in (width, height)]
@@ -169,7 +169,7 @@ def _sectors(mi: Any, shape: Sectors, softness: Any) -> Cover:
         return index, index * step
 
     def ink(sector: Any, ring: Any) -> Any:
-        # One turn more, so that a ramp across +X counts from where it began.
+        # One extra turn, so that a ramp across +X continues from its start.
         column = (mi.Int32(sector) + sectors) % sectors
         inside = (ring >= 0) & (ring < mi.Float(rings))
         place = mi.UInt32(dr.clip(mi.Int32(ring), 0, rings - 1) * sectors + column)
@@ -201,7 +201,7 @@ def _unit(mi: Any, h: Any) -> Any:
 
 
 def grain_of(mi: Any, cell_m: float, seed: int) -> Cover:
-    """`lattice.grain_at` as a function of the position."""
+    """`value_noise.grain_at` as a function of the position."""
     import drjit as dr
 
     cell, key = dr.opaque(mi.Float, cell_m), dr.opaque(mi.UInt32, (seed + GRAIN) & 0xFFFFFFFF)
@@ -221,7 +221,7 @@ def grain_of(mi: Any, cell_m: float, seed: int) -> Cover:
 
 
 def clutter_of(mi: Any, clutter: Clutter, seed: int) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """`lattice.clutter_at` as a function of the position."""
+    """`value_noise.clutter_at` as a function of the position."""
     import drjit as dr
 
     cell = dr.opaque(mi.Float, clutter.cell_m)

@@ -16,14 +16,14 @@ from roundel.scenes.world.lamps import LUMINANCE
 
 
 def map_emitter(mi: Any, frame: Frame) -> Any:
-    """The emitter of a frame's map, turned and scaled as the frame says; `Emitter` of the current variant.
+    """The emitter of a frame's map, rotated and scaled for the frame; `Emitter` of the current variant.
 
-    Mitsuba's map has its middle at +z and up at +y; half a turn about +z brings up to -y and leaves the middle.
+    Mitsuba's map has its middle at +z and up at +y; half a turn about +z moves up to -y and keeps the middle.
 
     Raises
     ------
     DataError
-        If the file is missing, changed, truncated, or holds what is no light.
+        If the file is missing, changed or truncated, or does not hold valid radiance.
     """
     import drjit as dr
 
@@ -43,7 +43,7 @@ def map_emitter(mi: Any, frame: Frame) -> Any:
 
 @lru_cache(maxsize=1)
 def _emitter(variant: str, path: str, sha256: str) -> Any:
-    """One emitter stays: its tables for sampling take longer to make than a small frame to render."""
+    """Cache of one emitter: building its sampling tables takes longer than rendering a small frame."""
     import mitsuba as mi
 
     pixels = read_map(path, sha256)
@@ -59,12 +59,12 @@ def read_map(path: str | Path, sha256: str) -> NDArray[np.float32]:
     ----------
     path : path
     sha256 : str
-        What the study recorded of the file.
+        Checksum of the file recorded by the study.
 
     Raises
     ------
     DataError
-        If the file is missing, changed, truncated, or holds what is no light.
+        If the file is missing, changed or truncated, or does not hold valid radiance.
     """
     import mitsuba as mi
 

@@ -14,12 +14,12 @@ from roundel.scenes.surroundings.bodies import Surroundings
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.lamps import camera_from_lamp, irradiance_of, luminance_of
 
-# The least share of the brightest lamp's rays: far from the centre the weak lamp may be the strong one.
+# Minimum fraction of the brightest lamp's rays: far from the centre a weak lamp may be the strongest.
 _LEAST_SHARE = 0.1
 
 
 def needs_colour(frame: Frame) -> bool:
-    """Whether a frame needs a variant with colours: a mosaic sees them, and a sky is made of them."""
+    """Whether a frame needs a variant with colours, because it has a mosaic or a sky."""
     sky = frame.settings.light.sky is not None or (
         frame.surroundings is not None and frame.surroundings.sun is not None
     )
@@ -32,7 +32,7 @@ def in_colour(mi: Any) -> bool:
 
 
 def spectrum(mi: Any, level: float, colour: list[float]) -> Any:
-    """A light's strength times its colour; their luminance where the variant knows no colours."""
+    """A light's strength times its colour; the luminance if the variant has no colours."""
     if in_colour(mi):
         return {"type": "rgb", "value": [level * c for c in colour]}
     return level * luminance_of(colour)
@@ -47,14 +47,14 @@ def sun_direction(section: SkySection) -> np.ndarray[Any, np.dtype[np.float64]]:
 def unit_of(frame: Frame) -> float:
     """The radiance that counts as 1 in a frame's Mitsuba scene.
 
-    Mitsuba's sky holds its scale as a constant of the kernel: under another one each frame would be compiled anew.
+    Mitsuba's sky has its scale as a constant of the kernel: another scale would recompile the kernel for each frame.
     """
     sky = frame.settings.light.sky
     return float(sky.scale) if sky is not None and sky.scale > 0 else 1.0
 
 
 def environment_of(mi: Any, frame: Frame) -> Any:
-    """The map or the sky of a frame alone, as a Mitsuba emitter."""
+    """Only the map or the sky of a frame, as a Mitsuba emitter."""
     environment = emitters(mi, frame)["environment"]
     return mi.load_dict(environment) if isinstance(environment, dict) else environment
 
@@ -68,7 +68,7 @@ def emitters(mi: Any, frame: Frame) -> dict[str, Any]:
     elif light.map is not None:
         found["environment"] = map_emitter(mi, frame)
     else:
-        # A constant environment is left to the reflected rays: they always find it, without noise.
+        # Do not sample a constant environment: reflected rays always hit it, without noise.
         weight = {"sampling_weight": 0.0} if light.lamps else {}
         radiance = spectrum(mi, light.environment, light.environment_colour)
         found["environment"] = {"type": "constant", "radiance": radiance, **weight}
@@ -96,7 +96,7 @@ def world_sky(mi: Any, around: Surroundings) -> dict[str, Any]:
 
 
 def _share(frame: Frame, index: int) -> float:
-    """How often a lamp is sampled: by its irradiance at the marker's centre, the brightest with 1."""
+    """Sampling weight of a lamp: its irradiance at the marker's centre, with 1 for the brightest."""
     lamps, pose = frame.settings.light.lamps, frame.camera_from_sheet
     reached = [float(irradiance_of(lamp, pose, np.zeros((1, 3)))[0]) for lamp in lamps]
     return max(reached[index] / max(reached), _LEAST_SHARE) if max(reached) > 0 else 1.0
@@ -109,7 +109,7 @@ def _lamp(mi: Any, lamp: Lamp, frame: Frame, share: float) -> Any:
         square = {
             "type": "rectangle",
             "to_world": placed @ mi.ScalarTransform4f().scale(lamp.size_m / 2),
-            # What falls on the lamp is not thrown back.
+            # The lamp itself does not reflect light.
             "print": {"type": "diffuse", "reflectance": 0.0},
             "emitter": {
                 "type": "area",

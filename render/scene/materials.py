@@ -15,8 +15,8 @@ from roundel.scenes.world.occluders import occluder_plate
 def surface(section: SurfaceSection, texture: Any) -> dict[str, Any]:
     """The BSDF of print and wall; `texture` is the reflectance of ink and paper.
 
-    `plastic` lets light into the ink through a rough dielectric boundary and back out of it: print under varnish.
-    `laminate` is a base with a clear film upon it (Burley 2012): the film's own highlight is added to the base's.
+    `plastic` lets light into the ink through a rough dielectric boundary and out again: a print under varnish.
+    `laminate` is a base with a clear film on it (Burley 2012): the film's highlight is added to that of the base.
     """
     if section.kind == "plastic":
         return {
@@ -25,7 +25,7 @@ def surface(section: SurfaceSection, texture: Any) -> dict[str, Any]:
             "alpha": section.roughness,
             "int_ior": section.ior,
             "diffuse_reflectance": texture,
-            # Light that is reflected within the varnish takes on the ink's tone each time.
+            # Light reflected inside the varnish takes on the ink's tone at each reflection.
             "nonlinear": True,
         }
     if section.kind == "laminate":
@@ -34,7 +34,7 @@ def surface(section: SurfaceSection, texture: Any) -> dict[str, Any]:
             "base_color": texture,
             "roughness": float(np.sqrt(section.roughness)),  # its GGX alpha is the square
             "eta": section.ior,
-            # A sharper lobe within the first: its alpha is 0.1 at gloss 0 and 0.001 at gloss 1.
+            # A sharper lobe inside the first: its alpha is 0.1 at gloss 0 and 0.001 at gloss 1.
             "clearcoat": 1.0,
             "clearcoat_gloss": float(np.clip((0.1 - section.roughness / 4) / 0.099, 0.0, 1.0)),
         }
@@ -42,7 +42,7 @@ def surface(section: SurfaceSection, texture: Any) -> dict[str, Any]:
 
 
 def placed_opaquely(mi: Any, shape: dict[str, Any]) -> Any:
-    """A Mitsuba shape whose place is no constant of the kernel, so that frames share one."""
+    """A Mitsuba shape whose position is not a constant of the kernel, so that frames share one kernel."""
     import drjit as dr
 
     made = mi.load_dict(shape)

@@ -1,7 +1,7 @@
 """A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders.
 
-World coordinates are the camera frame at time 0. Every frame can be built so; a plain one is faster in closed form
-(`roundel.render.scene.transport`).
+World coordinates are the camera frame at time 0. Every frame can be rendered this way; plain frames are faster in
+closed form (`roundel.render.scene.transport`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from roundel.render.scene.paths import radiance_along
 from roundel.scenes.surroundings.bodies import Body, Surroundings
 from roundel.scenes.world.frame import Frame
 
-# The wall reaches this many marker distances to each side; beyond it the environment is seen.
+# The wall extends this many marker distances to each side; beyond it the environment is visible.
 WALL_DISTANCES = 4.0
 # Reflections between light and camera in a world, if the study does not ask for more.
 WORLD_BOUNCES = 4
@@ -32,8 +32,8 @@ _OUT_OF_SIGHT_M = 60.0
 class Built:
     """A frame as Mitsuba objects.
 
-    `texture` is the ink, `plane` points to the shape of sheet and wall, `unit` is the radiance that the scene counts
-    as 1. `emitters`, in a world, are looked for one by one.
+    `texture` is the ink, `plane` points to the shape of sheet and wall, `unit` is the radiance that equals 1 in the
+    scene. In a world, `emitters` are sampled one by one.
     """
 
     mi: Any
@@ -53,7 +53,7 @@ def build_scene(mi: Any, frame: Frame) -> Built:
     DataError
         If its environment map cannot be read.
     UsageError
-        If it has a sky, and the current variant has no colours.
+        If it has a sky and the current variant has no colours.
     """
     import drjit as dr
 
@@ -71,7 +71,7 @@ def build_scene(mi: Any, frame: Frame) -> Built:
         },
     )
     scene = mi.load_dict({"type": "scene", "plane": plane, **occluders(mi, frame), **emitters(mi, frame)})
-    # The pointer is another one in each frame; the kernel should not be.
+    # The pointer differs between frames; the kernel must not.
     pointer = mi.ShapePtr(plane)
     dr.make_opaque(pointer)
     return Built(mi, scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
@@ -129,11 +129,11 @@ def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, An
     -------
     radiance : Spectrum
     depth : Float
-        Z of what the ray meets first, metres.
+        Z of the first hit, metres.
     on_plane : Bool
-        Whether that is the print or the wall, and not a thing before them.
+        Whether the first hit is the print or the wall, not an object in front of them.
     x, y : Float
-        Where on the print's plane, metres.
+        Position on the print's plane, metres.
     """
     if built.emitters:
         radiance, hit = radiance_along(built.mi, built.scene, built.integrator, built.emitters, sampler, ray)
@@ -151,9 +151,9 @@ def _integrator(frame: Frame) -> dict[str, Any]:
         # Every path has its full length: Russian roulette would add noise.
         return {"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2}
     if light.sky is not None and not light.lamps:
-        # Sun and sky are best looked for several times: the same error in a quarter of the time (measured). With a
-        # point or a spot it must be once: for more, Mitsuba 3.9.1 counts such a lamp as often as it is looked for.
+        # Several emitter samples suit sun and sky best: the same error in a quarter of the time (measured). With a
+        # point light or spotlight only one is valid: with more, Mitsuba 3.9.1 counts such a lamp once per sample.
         return {"type": "direct", "emitter_samples": 4, "bsdf_samples": 0 if is_matte else 1}
-    # A constant environment alone is found by every reflected ray; looking for it besides would only add noise.
+    # Every reflected ray hits a constant environment; sampling it as an emitter would only add noise.
     only_constant = not light.lamps and light.map is None
     return {"type": "direct", "emitter_samples": 0 if only_constant else 1, "bsdf_samples": 1}

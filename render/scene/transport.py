@@ -1,9 +1,9 @@
-"""Light transport on a plain sheet in closed form, without ray intersection.
+"""Light transport on an unoccluded matte sheet in closed form, without ray intersection.
 
-A frame is plain when a matte sheet stands under a sky and lamps, with nothing between. A ray then meets the plane by
-one division. A sky lights all of the plane alike, so that its irradiance is worked out once; a lamp is a hole in a
-constant sky that shines, and is sampled over its area (Shirley, Wang and Zimmerman 1996) with the sky's radiance taken
-off. Every other frame goes through Mitsuba's integrators, and the tests hold the two against each other.
+A frame is plain if a matte sheet is lit by a sky and lamps, with nothing in between. The hit of a ray with the plane is
+then one division. A sky illuminates the whole plane uniformly, so its irradiance is computed once. A lamp is a luminous
+hole in a constant sky, sampled over its area (Shirley, Wang and Zimmerman 1996) minus the sky's radiance. All other
+frames use Mitsuba's integrators, and tests compare the two.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from roundel.scenes.study.light_section import AreaLampSection, PointLampSection
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.lamps import camera_from_lamp, luminance_of
 
-# A lamp this near to the image may be seen in it, through blur and motion: it then goes the general way.
+# A lamp this close to the image may be visible through blur and motion; it then uses Mitsuba's integrators.
 _MARGIN_PX = 64.0
 
-# The wall is taken to fill the picture if it does so with a tenth of its half side to spare.
+# The wall counts as filling the picture if it does so with a margin of a tenth of its half side.
 _ROOM = 0.9
 
 _SKY_SAMPLES_BASE2 = 17
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp's numbers: where it is, half its sides, where it faces, its area (0 for a point), and its light."""
+    """Values of a lamp: position, half sides, direction it faces, area (0 for a point), and emitted light."""
 
     place: Any
     half_x: Any
@@ -48,10 +48,10 @@ class Lamp:
 
 @dataclass(frozen=True)
 class PlainScene:
-    """A sheet before a wall under sky and lamps, as numbers of the tracer.
+    """A sheet in front of a wall under sky and lamps, as values of the tracer.
 
-    `sky` is the constant sky's radiance, `lit` what a white plane reflects of its sky; `beyond` is the emitter that
-    rays see past the wall's end, None if they all meet the wall or the sky is constant.
+    `sky` is the constant sky's radiance, `lit` the radiance that a white plane reflects of its sky; `beyond` is the
+    emitter that rays hit past the wall's end, None if they all hit the wall or the sky is constant.
     """
 
     texture: Any
@@ -70,12 +70,12 @@ def _lamp_is_seen(frame: Frame, lamp: AreaLampSection) -> bool:
     points = transform_points(pose, np.column_stack([x, y, np.zeros_like(x)]))
     px = project(frame.camera, points)
     size = np.array([frame.camera.width_px, frame.camera.height_px])
-    # NaN is behind the camera, or beyond what the lens images.
+    # NaN: behind the camera, or outside the lens's field.
     return bool(np.any(np.all((px > -_MARGIN_PX) & (px < size + _MARGIN_PX), axis=-1)))
 
 
 def is_plain(frame: Frame) -> bool:
-    """Whether a frame's light has the closed form."""
+    """Whether a frame's light transport has the closed form."""
     light = frame.settings.light
     areas = [lamp for lamp in light.lamps if isinstance(lamp, AreaLampSection)]
     return (
@@ -84,16 +84,16 @@ def is_plain(frame: Frame) -> bool:
         and frame.settings.render.bounces == 1
         and not frame.settings.occluders
         and all(isinstance(lamp, AreaLampSection | PointLampSection) for lamp in light.lamps)
-        # Two lamps may stand in each other's light, or one in a point's.
+        # Two lamps may occlude each other, or one a point light.
         and not (areas and len(light.lamps) > 1)
-        # A lamp before a sky that is not even would be a hole of many brightnesses.
+        # A lamp in front of a non-uniform sky would hide varying radiance.
         and not (areas and (light.map is not None or light.sky is not None))
         and not any(_lamp_is_seen(frame, lamp) for lamp in areas)
     )
 
 
 def plain_scene(dr: Any, mi: Any, frame: Frame) -> PlainScene:
-    """The numbers of a plain frame."""
+    """The values of a plain frame."""
 
     def number(value: float) -> Any:
         return dr.opaque(mi.Float, float(value))
@@ -145,10 +145,10 @@ def plain_scene(dr: Any, mi: Any, frame: Frame) -> PlainScene:
 
 
 def _reflected(dr: Any, mi: Any, emitter: Any, normal: Array) -> Any:
-    """What a white matte plane reflects of a distant emitter: its irradiance over pi, the same all over the plane."""
+    """Radiance that a white matte plane reflects of a distant emitter: irradiance over pi, uniform over the plane."""
     from scipy.stats import qmc
 
-    # Even points of a fixed sequence: a hundred thousand of them leave 1e-4 of it, the same in every pixel.
+    # Points of a fixed low-discrepancy sequence: with a hundred thousand the error is 1e-4, the same in every pixel.
     points = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(0)).random_base2(_SKY_SAMPLES_BASE2)
     at = mi.Point2f(points.T.astype(np.float32))
     where = dr.zeros(mi.SurfaceInteraction3f, len(points))
@@ -160,7 +160,7 @@ def _reflected(dr: Any, mi: Any, emitter: Any, normal: Array) -> Any:
 
 
 def _wall_fills(frame: Frame) -> bool:
-    """Whether all that the camera sees is sheet or wall, with room to spare."""
+    """Whether the camera sees only sheet and wall, with a margin."""
     camera, pose = frame.camera, frame.camera_from_sheet
     u, v = np.linspace(-0.5, camera.width_px - 0.5, 33), np.linspace(-0.5, camera.height_px - 0.5, 33)
     rays = ray_direction(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
@@ -187,11 +187,11 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
     -------
     radiance : Spectrum
     depth : Float
-        Z of the point met, metres.
+        Z of the hit point, metres.
     on_plane : Bool
-        Whether the plane of the sheet is met.
+        Whether the plane of the sheet is hit.
     x, y : Float
-        Where on it, metres.
+        Position on it, metres.
     """
     distance = dr.dot(scene.origin - ray.o, scene.normal) / dr.dot(ray.d, scene.normal)
     hit = ray.o + ray.d * distance
@@ -212,7 +212,7 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
         r2 = dr.squared_norm(toward)
         facing = -dr.dot(lamp.normal, toward)
         geometry = dr.maximum(dr.dot(scene.normal, toward), 0.0) * dr.abs(facing) / dr.square(r2) * lamp.area
-        # The back of a lamp is black, and hides the sky like its front.
+        # The back of a lamp is black and hides the sky, like its front.
         shown = dr.select(facing > 0, lamp.light, mi.Spectrum(0.0)) - scene.sky
         arriving = arriving + shown * (geometry * dr.inv_pi)
     reflected = arriving * scene.texture.reflectance_at(x, y)

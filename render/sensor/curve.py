@@ -1,4 +1,4 @@
-"""Digital numbers of the file: white balance, curve, and bit depth."""
+"""Digital numbers of the file: white balance, tone curve, and bit depth."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def encoded(linear: ArrayLike, curve: str, gamma: float = 2.2) -> Array:
 def delivered_levels(numbers: ArrayLike, sheet: DataSheet, balance: Array | None = None) -> Array:
     """Levels in the file's DN, not rounded, for the converter's numbers; `balance` broadcasts against these.
 
-    What is developed has its black level taken off; each channel is clipped for itself.
+    Developed images have the black level subtracted; each channel is clipped separately.
     """
     values = np.asarray(numbers, dtype=np.float64)
     if not sheet.developed:
@@ -40,15 +40,15 @@ def delivered_levels(numbers: ArrayLike, sheet: DataSheet, balance: Array | None
 
 
 def delivered(numbers: NDArray[np.uint16], sheet: DataSheet, balance: Array | None = None) -> NDArray[Any]:
-    """The image as its file holds it: (H, W) or, of colours, (H, W, 3); uint8 for 8 bits, else uint16.
+    """The image as stored in its file: (H, W) or, for colour, (H, W, 3); uint8 for 8 bits, else uint16.
 
     Parameters
     ----------
     numbers : (H, W) array
-        The converter's.
+        The converter's numbers.
     sheet : DataSheet
     balance : (3,) array, optional
-        Factors for red, green, blue; of colours only.
+        Factors for red, green, blue; for colour images only.
     """
     kind: Any = np.uint8 if sheet.bits == 8 else np.uint16
     if not sheet.developed:

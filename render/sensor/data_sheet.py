@@ -1,6 +1,6 @@
-"""Data sheet of a sensor: the section of a study with all numbers drawn.
+"""Data sheet of a sensor: the section of a study with all values drawn.
 
-The terms are those of EMVA 1288 (release 4.0, linear model): overall gain K in DN an electron, dark signal, PRNU, DSNU.
+Terms of EMVA 1288 (release 4.0, linear model): overall gain K in DN per electron, dark signal, PRNU, DSNU.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ from typing import Any
 
 from roundel.scenes.study.sensor_section import SensorSection
 
-# What is developed further (a curve, colours) is read out with at least as many bits.
+# Images that are developed further (a curve, colours) are read out with at least this many bits.
 _DEVELOPED_BITS = 12
 
 
 @dataclass(frozen=True)
 class DataSheet:
-    """Numbers of one sensor. `adc_bits`, `gain_dn_per_e`, `black_level_dn` are of its analogue-to-digital converter.
+    """Values of one sensor. `adc_bits`, `gain_dn_per_e`, `black_level_dn` belong to its analogue-to-digital converter.
 
     Attributes
     ----------
     bits, adc_bits : int
-        Of the delivered numbers and of the converter's; they differ where the converter's are developed further.
+        Bits of the delivered numbers and of the converter; they differ if the image is developed further.
     stored_shift : int
-        A file of 10 or 12 bits holds them in the upper bits of 16: its numbers are DN << stored_shift.
+        A file of 10 or 12 bits stores them in the upper bits of 16: its numbers are DN << stored_shift.
     gain_dn_per_e : float
-        Converter's DN an electron, EMVA's K.
+        Converter's DN per electron, EMVA's K.
     black_level_dn : float
         Converter's DN without any signal.
     full_well_e, read_noise_e, dark_e, dsnu_e : float
@@ -57,7 +57,7 @@ class DataSheet:
 
     @property
     def saturation_dn(self) -> int:
-        """The converter's number of a full well: its largest, or less where the gain leaves room."""
+        """The converter's number for a full well: its largest, or less if the gain leaves room."""
         return min(self.top_dn, round(self.full_well_e * self.gain_dn_per_e + self.black_level_dn))
 
     @property
@@ -67,11 +67,11 @@ class DataSheet:
 
     @property
     def developed(self) -> bool:
-        """Whether the delivered numbers are made from the converter's, and not these themselves."""
+        """Whether the delivered numbers are computed from the converter's rather than equal to them."""
         return self.colour or self.curve != "linear"
 
     def record(self) -> dict[str, Any]:
-        """As plain values, for cameras.json."""
+        """Plain values for cameras.json."""
         kept = asdict(self)
         if self.curve != "gamma":
             del kept["gamma"]
@@ -81,16 +81,16 @@ class DataSheet:
 
 
 def data_sheet(sensor: SensorSection, exposure_s: float) -> DataSheet:
-    """The data sheet of a sensor section with all spreads drawn.
+    """The data sheet of a sensor section with all values drawn.
 
-    A study gives `gain_dn_per_e` and `black_level_dn` in numbers of `bits`. Where the converter has more bits than are
-    delivered both grow with its range, so that a curve or colour changes neither exposure nor saturation.
+    A study gives `gain_dn_per_e` and `black_level_dn` for numbers of `bits`. If the converter has more bits than are
+    delivered, both scale with its range, so that a curve or colour changes neither exposure nor saturation.
 
     Parameters
     ----------
     sensor : SensorSection
     exposure_s : float
-        Seconds that the dark current is collected.
+        Seconds during which dark current is collected.
     """
     colour = sensor.mosaic != "none" and sensor.deliver == "colour"
     adc_bits = max(sensor.bits, _DEVELOPED_BITS) if colour or sensor.curve != "linear" else sensor.bits

@@ -15,7 +15,7 @@ from roundel.render.sensor.photometry import edge_photometry, noise_dn
 from roundel.render.sensor.sensor import expose
 from roundel.scenes.world.frame import Frame
 
-# A sheet is burnt out, flagged `saturated`, when this much of it is.
+# A sheet is flagged `saturated` if at least this fraction of it is saturated.
 _BURNT_OUT = 0.99
 
 
@@ -26,17 +26,17 @@ class Developed:
     Attributes
     ----------
     image : (H, W) or (H, W, 3) array
-        As its file holds it, uint8 or uint16.
+        As stored in its file, uint8 or uint16.
     exposure_e : float
-        Electrons that a radiance of 1 collected.
+        Electrons collected for a radiance of 1.
     sheet : DataSheet
     balance : (3,) array, optional
-        Factors of red, green, blue; of a colour image only.
+        Factors of red, green, blue; for a colour image only.
     saturated_fraction : float
-        Of the pixels, at the converter.
+        Fraction of the pixels that saturate at the converter.
     flags : tuple of str
         `saturated`: at least 99 % of the marker's sheet is. `dark`: there was no light to expose for, or the brightest
-        pixel of the sheet lies less than 1 DN above black.
+        pixel of the sheet is less than 1 DN above black.
     """
 
     image: NDArray[Any]
@@ -79,7 +79,7 @@ def develop(frame: Frame, radiance: NDArray[np.float32]) -> Developed:
     flags = []
     if saturated[pixels].mean() >= _BURNT_OUT:
         flags.append("saturated")
-    # Judged without its noise: the same at every seed.
+    # Evaluated without noise, so that it does not depend on the seed.
     one_dn = (2**sheet.adc_bits - 1) / (2**sheet.bits - 1)
     if float(radiance[pixels].max()) * exposure_e * sheet.gain_dn_per_e < one_dn:
         flags.append("dark")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 def png_bytes(image: NDArray[Any], bits: int) -> bytes:
     """An image (H, W) or (H, W, 3), uint8 or uint16, as PNG.
 
-    Where its numbers have fewer bits than the file, the chunk sBIT says how many (PNG specification).
+    If its numbers have fewer bits than the file, the chunk sBIT records how many (PNG specification).
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo

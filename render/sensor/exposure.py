@@ -1,4 +1,4 @@
-"""Exposure: for the sheet's white or as the study asks, and the white balance."""
+"""Exposure, for the sheet's white or as set by the study, and white balance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from roundel.scenes.world.frame import Frame
 
 Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 
-# White is where 1 % of the sheet is brighter still.
+# White is the level that 1 % of the sheet exceeds.
 _WHITE_QUANTILE = 0.99
 _METERED_SIDE = 64
 
@@ -23,8 +23,8 @@ _METERED_SIDE = 64
 def sheet_pixels(frame: Frame) -> Pixels:
     """Rows and columns of pixels spread over the sheet: where exposure is measured.
 
-    The whole frame would not do: a far sheet is a thousandth of it, and would be burnt out for the sake of the wall.
-    It is what is left where no point of the sheet is in the image.
+    The whole frame is unsuitable: a far sheet is a thousandth of it, and would be overexposed for the sake of the wall.
+    It is used only if no point of the sheet is in the image.
     """
     (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
     steps = (np.arange(_METERED_SIDE) + 0.5) / _METERED_SIDE
@@ -41,7 +41,7 @@ def sheet_pixels(frame: Frame) -> Pixels:
 
 
 def whites(radiance: NDArray[Any], pixels: Pixels, mosaic: str) -> NDArray[np.float64]:
-    """Radiance of the sheet's white: one number, or of a mosaic (3,) red, green, blue (0 where none was metered)."""
+    """Radiance of the sheet's white: one number, or for a mosaic (3,) red, green, blue (0 if none was metered)."""
     levels = np.asarray(radiance[pixels], dtype=np.float64)
     if mosaic == "none":
         return np.array([np.quantile(levels, _WHITE_QUANTILE)])
@@ -51,9 +51,9 @@ def whites(radiance: NDArray[Any], pixels: Pixels, mosaic: str) -> NDArray[np.fl
 
 
 def exposure_of(white: NDArray[np.float64], sensor: SensorSection) -> float:
-    """Electrons that a radiance of 1 collects: fixed, or such that the brightest white lands where it is asked.
+    """Electrons collected for a radiance of 1: fixed, or such that the brightest white reaches the requested level.
 
-    0 where there is no light to expose for.
+    0 if there is no light to expose for.
     """
     if sensor.exposure_e is not None:
         return float(sensor.exposure_e)
@@ -66,7 +66,7 @@ def exposure_of(white: NDArray[np.float64], sensor: SensorSection) -> float:
 def balance_of(white: NDArray[np.float64], sensor: SensorSection) -> NDArray[np.float64]:
     """Factors (3,) for red, green and blue.
 
-    `auto` makes the sheet's white grey. Its smallest factor is 1: what is saturated in all channels stays white.
+    `auto` makes the sheet's white grey. Its smallest factor is 1, so that pixels saturated in all channels stay white.
     """
     if sensor.white_balance == "none":
         return np.ones(3)

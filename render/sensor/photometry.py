@@ -13,44 +13,44 @@ from roundel.render.sensor.demosaic import filters
 
 Array = NDArray[np.float64]
 
-# Of a rounding error, uniform over one DN (EMVA 1288: sigma_q^2).
+# Variance of a rounding error, uniform over one DN (EMVA 1288: sigma_q^2).
 QUANTISATION_VARIANCE_DN2 = 1.0 / 12.0
 
-# Farther than this from where pixels clip, clipping takes nothing off a Gaussian's variance that float32 could show.
+# Farther than this from the clipping level, clipping does not reduce a Gaussian's variance within float32 precision.
 _CLIPPING_SIGMAS = 6.0
 
-# Through a curve the noise is followed at this many quantiles, for this many levels of radiance.
+# Noise is propagated through a curve at this many quantiles, for this many levels of radiance.
 _QUANTILES = 64
 _KNOTS = 4096
 
-# Within this many pixels of the edge its sides are measured.
+# Distance from the edge, in pixels, within which its sides are measured.
 _SIDE_PX = 4
 
 
 def temporal_variance_dn2(electrons: ArrayLike, sheet: DataSheet) -> Array:
-    """Variance from shot to shot, converter's DN^2, of a pixel that collects this mean (dark signal included).
+    """Temporal variance, converter's DN^2, of a pixel that collects this mean (dark signal included).
 
-    EMVA 1288 release 4.0, linear model: K^2 (sigma_d^2 + mu_e) + sigma_q^2. Clipping is not in it.
+    EMVA 1288 release 4.0, linear model: K^2 (sigma_d^2 + mu_e) + sigma_q^2. Clipping is not included.
     """
     shot_e2 = np.asarray(electrons, dtype=np.float64) if sheet.shot_noise else 0.0
     return np.asarray((shot_e2 + sheet.read_noise_e**2) * sheet.gain_dn_per_e**2 + QUANTISATION_VARIANCE_DN2)
 
 
 def pattern_variance_dn2(photo_electrons: ArrayLike, sheet: DataSheet) -> Array:
-    """Variance from pixel to pixel, converter's DN^2, of the fixed pattern: K^2 (DSNU^2 + PRNU^2 mu^2)."""
+    """Spatial variance, converter's DN^2, of the fixed pattern: K^2 (DSNU^2 + PRNU^2 mu^2)."""
     spread_e2 = sheet.dsnu_e**2 + (sheet.prnu * np.asarray(photo_electrons, dtype=np.float64)) ** 2
     return np.asarray(spread_e2 * sheet.gain_dn_per_e**2)
 
 
 def _unclipped(photo: Array, sheet: DataSheet) -> tuple[Array, Array]:
-    """Mean and variance of the converter's numbers for pixels of these photo electrons, as if it had no limits."""
+    """Mean and variance of the converter's numbers for pixels with these photo electrons, without clipping."""
     electrons = photo + sheet.dark_e
     variance = temporal_variance_dn2(electrons, sheet) + pattern_variance_dn2(photo, sheet)
     return electrons * sheet.gain_dn_per_e + sheet.black_level_dn, variance
 
 
 def _clips(photo: Array, sheet: DataSheet) -> NDArray[np.bool_]:
-    """Whether pixels (n,) come so near to the ends of the converter's range that their noise may be clipped."""
+    """Whether pixels (n,) are so close to the ends of the converter's range that their noise may be clipped."""
     mean, variance = _unclipped(photo, sheet)
     reach = _CLIPPING_SIGMAS * np.sqrt(variance)
     return np.asarray((mean < reach) | (mean + reach > sheet.saturation_dn))
@@ -62,7 +62,7 @@ def _clipped_noise(photo: Array, sheet: DataSheet) -> Array:
 
     mean, variance = _unclipped(photo, sheet)
     sigma = np.sqrt(variance)
-    # Squares of far limits would meet a probability of 0: infinity times nothing.
+    # Squares of far limits would be multiplied by a probability of 0: infinity times zero.
     a, b = (np.clip((limit - mean) / sigma, -40, 40) for limit in (0.0, sheet.saturation_dn))
     pdf_a, pdf_b = (np.exp(-z * z / 2) / np.sqrt(2 * np.pi) for z in (a, b))
     below, above = ndtr(a), ndtr(-b)
@@ -80,15 +80,15 @@ def _curved_noise(photo: Array, sheet: DataSheet) -> Array:
     mean, variance = _unclipped(photo, sheet)
     numbers = np.clip(mean[:, None] + np.sqrt(variance)[:, None] * quantiles, 0.0, sheet.saturation_dn)
     spread = np.var(delivered_levels(numbers, sheet), axis=1)
-    # What is always clipped to the same number is not rounded either.
+    # Values that always clip to the same number have no rounding error either.
     return np.asarray(np.sqrt(spread + np.minimum(spread, QUANTISATION_VARIANCE_DN2 * 4.0**sheet.stored_shift)))
 
 
 def _tabled(function: Callable[[Array, DataSheet], Array], photo: Array, sheet: DataSheet) -> Array:
-    """A function of the photo electrons (n,) alone, of many pixels: one table serves them all."""
+    """Tabulate a function of the photo electrons (n,) once and interpolate for many pixels."""
     if photo.size <= _KNOTS:
         return function(photo, sheet)
-    # Even in the noise, which is their root. Where a hundred wells overflow nothing changes any more.
+    # Knots are even in the root of the electrons, like shot noise. Above a hundred full wells nothing changes.
     root = np.sqrt(np.minimum(photo, 100 * sheet.full_well_e))
     knots = np.linspace(root.min(), root.max(), _KNOTS)
     return np.asarray(np.interp(root, knots, function(knots**2, sheet)))
@@ -97,9 +97,9 @@ def _tabled(function: Callable[[Array, DataSheet], Array], photo: Array, sheet: 
 def noise_dn(radiance: ArrayLike, exposure_e: float, sheet: DataSheet) -> Array:
     """Standard deviation (...), in the file's DN, of pixels of this radiance (...).
 
-    Shot, dark, read noise, fixed pattern, quantisation, what clipping takes off, and the slope of the curve. Of a
-    colour image it is that of the mosaic's pixel, before white balance and interpolation; compression is not in it.
-    Rounding counts as noise of its own: that holds from a third of a DN of noise on; below, it is the RMS error.
+    Includes shot, dark and read noise, fixed pattern, quantisation, the reduction by clipping, and the slope of the
+    curve. For a colour image it is that of the mosaic's pixel, before white balance and interpolation. Compression is
+    not included. Rounding counts as independent noise, which holds above a third of a DN; below, it is the RMS error.
     """
     photo = np.asarray(radiance, dtype=np.float64) * exposure_e
     flat = photo.ravel()
@@ -114,7 +114,7 @@ def noise_dn(radiance: ArrayLike, exposure_e: float, sheet: DataSheet) -> Array:
 
 
 def expected_dn(radiance: ArrayLike, exposure_e: float, sheet: DataSheet, balance: Array | None = None) -> Array:
-    """Level (...), in the file's DN, that pixels of this radiance (...) have but for noise and rounding."""
+    """Level (...), in the file's DN, of pixels of this radiance (...) without noise and rounding."""
     electrons = np.asarray(radiance, dtype=np.float64) * exposure_e + sheet.dark_e
     numbers = np.minimum(electrons * sheet.gain_dn_per_e + sheet.black_level_dn, sheet.saturation_dn)
     return delivered_levels(numbers, sheet, balance)
@@ -132,9 +132,9 @@ def edge_photometry(
     Returns
     -------
     dict
-        `edge_contrast_dn`: absolute difference of the mean levels within 4 px inside and outside the edge, of a colour
-        image the mean of its channels; `edge_noise_dn`: RMS of the noise at these two levels. None where a side is not
-        in the image.
+        `edge_contrast_dn`: absolute difference of the mean levels within 4 px inside and outside the edge, for a colour
+        image the mean of its channels; `edge_noise_dn`: RMS of the noise at these two levels. None if a side is not in
+        the image.
     """
     from scipy.ndimage import binary_dilation
 
@@ -143,8 +143,8 @@ def edge_photometry(
     if not edge.any():
         return nothing
     rows, columns = np.nonzero(edge)
-    # Only the marker's neighbourhood matters; the whole frame would cost as much as rendering it. It begins at even
-    # rows and columns: the mosaic's pattern holds in it.
+    # Only the marker's neighbourhood is used; the whole frame would cost as much as rendering it. It begins at even
+    # rows and columns, so that the mosaic's phase is unchanged.
     margin = _SIDE_PX + 1
     top, left = (max(int(i.min()) - margin, 0) // 2 * 2 for i in (rows, columns))
     window = slice(top, rows.max() + margin + 1), slice(left, columns.max() + margin + 1)

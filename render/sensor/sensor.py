@@ -1,7 +1,7 @@
 """Radiance to digital numbers: photons, electrons, DN (EMVA 1288 release 4.0, linear camera model).
 
 mean electrons = radiance * exposure * (1 + PRNU pattern) + dark signal; their number is Poisson (shot noise); DSNU
-pattern and read noise are added; the full well clips; gain and black level make DN of them; rounding.
+pattern and read noise are added; the full well clips; gain and black level convert to DN; the result is rounded.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from roundel.render.sensor.data_sheet import DataSheet
 
-# One stream of random numbers for each cause: levels of one do not disturb the others in paired frames.
+# One stream of random numbers for each noise source: changing one does not affect the others in paired frames.
 _SHOT, _READ = 0, 1
 _PRNU, _DSNU = 0, 1
 
-# The image is exposed in this many bands of rows, each with its own streams: the same numbers on any number of threads.
+# The image is exposed in this many bands of rows with their own streams: results do not depend on the thread count.
 _BANDS = 8
 
 _COUNTED = 1e12
@@ -30,10 +30,10 @@ def _generator(seed: int, *purpose: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *purpose])))
 
 
-# Both patterns of the sensor at hand, for as long as its frames are developed.
+# Cache of both patterns of the current sensor.
 @lru_cache(maxsize=2)
 def pattern(sensor_seed: int, purpose: int, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Fixed pattern (H, W) of a sensor's pixels, in standard deviations: `purpose` 0 is PRNU's, 1 DSNU's."""
+    """Fixed pattern (H, W) of a sensor's pixels, in standard deviations; `purpose` 0 is PRNU, 1 is DSNU."""
     made = _generator(sensor_seed, purpose).standard_normal(shape, dtype=np.float32)
     made.setflags(write=False)
     return made
@@ -47,12 +47,12 @@ def expose(
     Parameters
     ----------
     radiance : (H, W) array
-        What each pixel's own filter sees.
+        Radiance seen through each pixel's own filter.
     exposure_e : float
-        Electrons that a radiance of 1 collects.
+        Electrons collected for a radiance of 1.
     sheet : DataSheet
     noise_seed, sensor_seed : int
-        Of the frame, and of the sensor's fixed patterns; the same seeds give the same numbers.
+        Seeds of the frame and of the sensor's fixed patterns; the same seeds give the same numbers.
     """
     shape = (radiance.shape[0], radiance.shape[1])
     prnu = sheet.prnu * pattern(sensor_seed, _PRNU, shape) if sheet.prnu > 0 else None
@@ -69,7 +69,7 @@ def expose(
         electrons += sheet.dark_e
         np.maximum(electrons, 0.0, out=electrons)
         if sheet.shot_noise:
-            # numpy refuses means near 2^63. Of so many electrons the noise is a millionth: left out.
+            # numpy refuses means near 2^63. For so many electrons the relative noise is a millionth, and is left out.
             drawn = _generator(noise_seed, _SHOT, band).poisson(np.minimum(electrons, _COUNTED))
             electrons = np.where(electrons < _COUNTED, drawn, electrons)
         if dsnu_e is not None:
@@ -81,7 +81,7 @@ def expose(
         electrons += sheet.black_level_dn
         numbers[rows] = np.clip(np.rint(electrons, out=electrons), 0, sheet.top_dn)
 
-    # numpy lets go of the interpreter while it draws.
+    # numpy releases the GIL while it draws.
     with ThreadPoolExecutor(min(os.cpu_count() or 1, _BANDS)) as pool:
         list(pool.map(expose_band, range(_BANDS)))
     return numbers

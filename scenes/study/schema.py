@@ -233,7 +233,7 @@ def json_schema() -> dict[str, Any]:
         "anyOf": [{"enum": list(WORLDS)}, {"$ref": "#/$defs/WorldSection"}],
         "description": "what stands around the sheet: a kind, or its keys",
     }
-    properties["preset"] = {"enum": preset_names(), "description": "keys that the study's own lie over"}
+    properties["preset"] = {"enum": preset_names(), "description": "preset whose keys the study's own override"}
     overrides = {"type": "object", "properties": properties, "additionalProperties": False}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -269,7 +269,7 @@ def _with_checksums(study: Study) -> Study:
                 digest = map_sha256(study.path.parent, group.light.map)
             except ValueError as error:
                 raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
-            # Read anew rather than copied: a copy would drag along what the section keeps for itself.
+            # Validate again rather than copy: a copy would keep the section's cached values.
             raw = group.model_dump(exclude_none=True)
             raw["light"]["map"]["sha256"] = digest
             groups[name] = GroupSection.model_validate(raw)

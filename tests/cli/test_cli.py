@@ -1,4 +1,4 @@
-"""The command: exit codes, one line for what is wrong, never a traceback; and the whole way for real."""
+"""The command: exit status, one-line errors, never a traceback; and a full run from study to report."""
 
 import json
 import os

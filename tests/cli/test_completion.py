@@ -1,4 +1,4 @@
-"""Completion in the shells themselves: what they offer when Tab is pressed."""
+"""Completion in real shells: what they offer when you press Tab."""
 
 import os
 import pty

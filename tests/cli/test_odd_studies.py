@@ -1,4 +1,4 @@
-"""Tiny and odd studies, and odd arguments: each ends in a report, or in one clear line and the right exit status."""
+"""Tiny and odd studies, and odd arguments: each gives a report, or one clear line and the right exit status."""
 
 import os
 import subprocess

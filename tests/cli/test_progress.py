@@ -1,4 +1,4 @@
-"""Progress: what takes long says how far it is, on stderr; what does not says nothing of its steps."""
+"""Progress: long commands report their progress on stderr; short ones do not report their steps."""
 
 from pathlib import Path
 

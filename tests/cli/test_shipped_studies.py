@@ -1,4 +1,4 @@
-"""Shipped studies by name: `roundel studies`, `roundel init`, and a name wherever a study is asked for."""
+"""Shipped studies by name: `roundel studies`, `roundel init`, and names in place of study files."""
 
 from pathlib import Path
 

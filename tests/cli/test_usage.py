@@ -1,4 +1,4 @@
-"""Wrong arguments: one line, with what was probably meant. Help: a text for every argument of every verb."""
+"""Wrong arguments give one line with a suggestion; every argument of every verb has a help text."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""Images of chessboards without a renderer: the area of each pixel that is ink, by supersampling through a Camera."""
+"""Images of chessboards without a renderer: ink area of each pixel, by supersampling through a Camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def _ink(camera_xy: Array, pose: Array, layout: BoardLayout) -> NDArray[np.bool_]:
-    """Whether the rays of normalised coordinates (..., 2) meet ink."""
+    """Whether the rays of normalised coordinates (..., 2) hit ink."""
     ray = np.concatenate([camera_xy, np.ones((*camera_xy.shape[:-1], 1))], axis=-1)
     normal, centre = pose[:3, 2], pose[:3, 3]
     offset = ray * ((normal @ centre) / (ray @ normal))[..., None] - centre
@@ -37,7 +37,7 @@ def corner_rays(
 
 
 def subpixel_rays(corner: Array, pixels: NDArray[np.bool_], count: int) -> Array:
-    """Normalised coordinates (N, count^2, 2) within the pixels of a mask; in one the lens is bilinear to 1e-7 px."""
+    """Normalised coordinates (N, count^2, 2) within masked pixels; the lens is bilinear in a pixel to 1e-7 px."""
     v, u = np.nonzero(pixels)
     step = (np.arange(count) + 0.5) / count
     x, y = (axis.ravel()[:, None] for axis in np.meshgrid(step, step))
@@ -49,7 +49,7 @@ def subpixel_rays(corner: Array, pixels: NDArray[np.bool_], count: int) -> Array
 def board_image(
     camera: Camera, pose: Array, layout: BoardLayout, subpixels: int = 8, blur_px: float = 0.0
 ) -> NDArray[np.uint8]:
-    """Image (H, W) of a board on paper that fills the view; only pixels that an edge crosses are subdivided."""
+    """Image (H, W) of a board on paper that fills the view; only pixels crossed by an edge are subdivided."""
     corner = corner_rays(
         camera.width_px, camera.height_px, tuple(camera.K.ravel()), camera.distortion, camera.distortion_model
     )
@@ -69,7 +69,7 @@ def true_corners(camera: Camera, pose: Array, layout: BoardLayout) -> Array:
 
 
 def board_views(camera: Camera, layout: BoardLayout, count: int, seed: int, span: float = 0.55) -> list[Array]:
-    """`count` poses in which the whole board is in view, spread over the image; `span` is its part of the width."""
+    """`count` poses with the whole board in view, distributed over the image; `span` is its fraction of the width."""
     rng = np.random.default_rng(seed)
     size = layout.square_m * (max(layout.columns, layout.rows) + 1)
     near = camera.K[0, 0] * size / (span * camera.width_px)

@@ -1,4 +1,4 @@
-"""Edits of the small study that put one effect on the edges of its disc, or all of them."""
+"""Edits of the small study that apply one effect, or all of them, to the edges of its disc."""
 
 from __future__ import annotations
 

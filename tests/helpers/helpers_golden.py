@@ -1,4 +1,4 @@
-"""What a shipped study means, as plain values: its id, its frame counts, and the numbers of some of its frames."""
+"""Golden record of a shipped study as plain values: its id, frame counts, and the values of some of its frames."""
 
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ STUDIES = sorted(path.stem for path in (HOUSE / "configs").glob("*.yaml"))
 
 
 def _chosen(ids: range) -> list[int]:
-    """Frames of a group to hold: both ends, those on both sides of a block of the sequence, and some between."""
+    """Frames of a group to record: both ends, both sides of a block boundary of the sequence, and some between."""
     count = len(ids)
     places = {0, 1, 2, count // 3, count // 2, 255, 256, count - 1}
     return [ids[i] for i in sorted(places) if 0 <= i < count]
@@ -35,7 +35,7 @@ def record_of(name: str) -> dict[str, Any]:
 
 
 def schema_defaults(model: type[BaseModel] = GroupSection) -> dict[str, Any]:
-    """Default of every key of every section below a group, by Section.key: a default that changes is other frames."""
+    """Default of every key of every section below a group, by Section.key: changing one changes the frames."""
     seen: dict[str, Any] = {}
 
     def models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -1,4 +1,4 @@
-"""Images of ellipses without a renderer: the area of each pixel inside the ellipse, by supersampling."""
+"""Images of ellipses without a renderer: area of each pixel inside the ellipse, by supersampling."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def _inside(ellipse: Array, x: Array, y: Array) -> Array:
 
 
 def coverage(ellipse: ArrayLike, width_px: int, height_px: int, blur_px: float = 0.0, subpixels: int = 32) -> Array:
-    """Fraction (H, W) of each pixel that lies inside an ellipse, if asked after a Gaussian blur of the ideal image."""
+    """Fraction (H, W) of each pixel inside an ellipse, optionally after a Gaussian blur of the ideal image."""
     e = np.asarray(ellipse, dtype=np.float64)
     if blur_px == 0.0:
         return _box_coverage(e, width_px, height_px, subpixels)
-    # The blur belongs before the pixel's aperture: on a grid eight times as fine, of pixels that are areas too.
+    # The blur comes before the pixel's aperture: use a grid eight times as fine, whose pixels are also areas.
     fine, reach = 8, int(np.ceil(e[2] + 6 * blur_px + 2))
     x0, y0 = round(float(e[0])) - reach, round(float(e[1])) - reach
     size = 2 * reach + 1
@@ -44,7 +44,7 @@ def coverage(ellipse: ArrayLike, width_px: int, height_px: int, blur_px: float =
 def _box_coverage(e: Array, width_px: int, height_px: int, subpixels: int) -> Array:
     y, x = np.mgrid[:height_px, :width_px].astype(np.float64)
     radius = np.sqrt(_inside(e, x, y))
-    # The contour is at least b |radius - 1| away: only pixels within their half diagonal of it are cut.
+    # The contour is at least b |radius - 1| away: it cuts only pixels within half a diagonal of it.
     cut = np.abs(radius - 1.0) <= 0.75 / e[3]
     out = np.where(cut, 0.0, (radius < 1.0).astype(np.float64))
     offsets = (np.arange(subpixels) + 0.5) / subpixels - 0.5

@@ -1,4 +1,4 @@
-"""Lenses as they are: coefficients of the size that calibrations of real cameras give, one for each count."""
+"""Realistic lenses: coefficients of the size found in calibrations of real cameras, one for each count."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from roundel.scenes.camera.model import Camera
 K = np.array([[913.0, 0.7, 641.2], [0.0, 905.0, 355.7], [0.0, 0.0, 1.0]])
 K_WIDE = np.array([[400.0, 1.5, 640.2], [0.0, 405.0, 355.7], [0.0, 0.0, 1.0]])
 
-# The rational ones nearly cancel between numerator and denominator, as fitted ones do.
+# The rational ones nearly cancel between numerator and denominator, like fitted ones.
 RATIONAL = (0.52, -2.63, 0.0005, -0.0002, 1.52, 0.40, -2.45, 1.44)
 PRISM = (*RATIONAL, 0.002, -0.001, -0.003, 0.0005)
 OPENCV = {
@@ -20,7 +20,7 @@ OPENCV = {
     "14": (*PRISM, 0.03, -0.05),
     "pincushion": (0.3, 0.1, -0.001, 0.002),
 }
-# The corners of 1280 x 720 px are seen at 98 to 113 degrees from the axis.
+# The corners of 1280 x 720 px are 98 to 113 degrees from the axis.
 FISHEYE = {
     "equidistant": (0.0, 0.0, 0.0, 0.0),
     "stretched": (0.05, -0.01, 0.002, -0.0005),
@@ -36,6 +36,6 @@ def lens(name: str) -> Camera:
 
 
 def image_grid(camera: Camera, columns: int = 65, rows: int = 37) -> np.ndarray:
-    """Points (n, 2) over the whole image, its outer edges included."""
+    """Points (n, 2) over the whole image, including its outer edges."""
     u, v = np.linspace(-0.5, camera.width_px - 0.5, columns), np.linspace(-0.5, camera.height_px - 0.5, rows)
     return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)

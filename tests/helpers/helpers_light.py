@@ -1,4 +1,4 @@
-"""Light at single points of a print, without pixels: what theory says of a point is held against Mitsuba's scene."""
+"""Light at single points of a print, without pixels, for comparing theory with Mitsuba's scene."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from roundel.scenes.world.frame import Frame
 
 
 def radiance_at(mi: Any, frame: Frame, points_sheet: Any, samples: int = 64, seed: int = 0) -> np.ndarray:
-    """Radiance (n, channels) that leaves points (n, 2) of the sheet toward the camera, by the general way."""
+    """Radiance (n, channels) that leaves points (n, 2) of the sheet toward the camera, by Mitsuba's integrator."""
     flat = np.column_stack([np.asarray(points_sheet, dtype=float), np.zeros(len(points_sheet))])
     return radiance_along(mi, frame, transform_points(frame.camera_from_sheet, flat), samples, seed)
 

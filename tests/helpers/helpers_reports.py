@@ -1,4 +1,4 @@
-"""Small datasets and estimates for the validator, without the renderer and without the solver's image processing."""
+"""Small datasets and estimates for the validator, without the renderer or the solver's image processing."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ solve: {groups: [marker], intrinsics: ["true", calibrated, default], calibrate_f
 
 
 def sheet_image(frame: Frame, subpixels: int = 8) -> np.ndarray:
-    """What a camera without noise sees of a frame's sheet in even light, 8 bits; only edges are subdivided."""
+    """Noise-free 8-bit image of a frame's sheet in uniform illumination; only edges are subdivided."""
     camera, pose = frame.camera, frame.camera_from_sheet
 
     def seen(xy: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def sheet_image(frame: Frame, subpixels: int = 8) -> np.ndarray:
 
 
 def make_dataset(folder: Path, text: str) -> Dataset:
-    """A finished dataset of a study, its images drawn by `sheet_image`."""
+    """A finished dataset of a study, with images drawn by `sheet_image`."""
     folder.mkdir(parents=True, exist_ok=True)
     source = folder.parent / f"{folder.name}.yaml"
     source.write_text(text)
@@ -120,7 +120,7 @@ def make_dataset(folder: Path, text: str) -> Dataset:
 
 
 def used_camera(camera: Camera, intrinsics: str) -> Camera:
-    """The intrinsics that a label stands for."""
+    """The intrinsics of a label."""
     if intrinsics.startswith("scaled:"):
         k = camera.K.copy()
         k[[0, 1], [0, 1]] *= float(intrinsics.partition(":")[2])
@@ -135,7 +135,7 @@ def used_camera(camera: Camera, intrinsics: str) -> Camera:
 def estimate_rows(
     dataset: Dataset, intrinsics: list[str], noise_px: float = 0.0, method: str = "ml", chosen: bool = False
 ) -> list[dict[str, Any]]:
-    """Estimates as a solver would write them: the true ellipses, moved by `noise_px`, in closed form."""
+    """Estimates in the format of a solver: the true ellipses, moved by `noise_px`, in closed form."""
     rng = np.random.default_rng(11)
     index = {f: i for i, f in enumerate(dataset.images.frame_ids)}
     rows: list[dict[str, Any]] = []
@@ -183,7 +183,7 @@ def estimate_rows(
 
 
 def failed_row(frame_id: int, intrinsics: str, reason: str = "no ellipse found", method: str = "ml") -> dict[str, Any]:
-    """The one row of a frame in which nothing was found."""
+    """The single row of a frame without detections."""
     return {
         "frame_id": frame_id,
         "detection_id": -1,
@@ -197,7 +197,7 @@ def failed_row(frame_id: int, intrinsics: str, reason: str = "no ellipse found",
 
 
 def write_estimates(path: Path, rows: list[dict[str, Any]], drop: tuple[str, ...] = ()) -> Path:
-    """Rows as a Parquet file with the columns that a validator needs, less those of `drop`."""
+    """Write rows as a Parquet file with the columns that a validator needs, except those in `drop`."""
     number = ["probability", *[f"normal_{a}" for a in "xyz"], *[f"centre_{a}_m" for a in "xyz"]]
     number += [f"ellipse_{n}" for n in ("x_px", "y_px", "a_px", "b_px", "angle_deg")]
     number += [f"{n}_px" for n in ("fx", "fy", "skew", "cx", "cy")]

@@ -1,4 +1,4 @@
-"""Make tests/golden anew: only when SAMPLING_VERSION was raised, or for a new study, or a new key with its default."""
+"""Regenerate tests/golden: only if SAMPLING_VERSION was raised, or for a new study or a new key with its default."""
 
 import json
 

@@ -2,7 +2,7 @@
 
     python tests/helpers/make_tag_bits.py
 
-Run it once when a family is added; `test_tags.py` holds the file against OpenCV.
+Run it once when a family is added; `test_tags.py` compares the file with OpenCV.
 """
 
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-# Family -> OpenCV's name of it, and how many of its tags are shipped.
+# Family -> OpenCV's name, and number of shipped tags.
 FAMILIES = {
     "aruco_4x4_50": ("DICT_4X4_50", 50),
     "aruco_5x5_100": ("DICT_5X5_100", 100),
@@ -22,7 +22,7 @@ OUT = Path(__file__).resolve().parents[2] / "scenes" / "markers" / "tag_bits.jso
 
 
 def drawn_bits(name: str, tag_id: int) -> np.ndarray:
-    """The (n, n) cells of a tag within its black border, 1 = white, one pixel a cell."""
+    """The (n, n) cells of a tag inside its black border, 1 = white, one pixel per cell."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     side = dictionary.markerSize + 2
     image = cv2.aruco.generateImageMarker(dictionary, tag_id, side, None, 1)

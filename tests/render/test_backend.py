@@ -1,4 +1,4 @@
-"""Finding LLVM: what is taken, what is refused, what is said."""
+"""Finding LLVM: what is accepted, what is refused, and the messages."""
 
 import subprocess
 import sys

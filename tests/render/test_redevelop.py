@@ -1,4 +1,4 @@
-"""`roundel develop`: another sensor for radiance that is there, without rendering; and flags on the way."""
+"""`roundel develop`: another sensor for existing radiance, without rendering; and flags."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What Mitsuba renders, against theory: the analytic edge, the radiometry, the lens."""
+"""Mitsuba's renders against theory: the analytic edge, the radiometry, the lens."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Datasets on disk: the same bytes whatever the threads, the order and the accidents; nothing finished is lost."""
+"""Datasets on disk: bytes do not depend on threads, order or interruptions; no finished frame is lost."""
 
 import hashlib
 import json

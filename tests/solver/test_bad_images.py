@@ -1,7 +1,7 @@
-"""`locate` on whatever may be handed to it: an answer, a status with its reason, or one clear line; never a traceback
-from a library below, never a pose of what is no circle.
+"""`locate` on arbitrary inputs: an answer, a status with its reason, or a one-line error; never a traceback from an
+underlying library, never a pose of something that is not a circle.
 
-Warnings are errors in all tests: an overflow in the dark would fail them too.
+Warnings are errors in all tests, so that a hidden overflow fails them, too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From rendered pixels to numbers: what the whole chain of renderer, detector, fit and calibration is good for."""
+"""From rendered pixels to numbers: accuracy of the whole chain of renderer, detector, fit and calibration."""
 
 from pathlib import Path
 

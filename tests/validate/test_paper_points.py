@@ -1,4 +1,4 @@
-"""The paper's own synthetic experiment, through study, solver and validator, against published tables.
+"""The paper's synthetic experiment, through study, solver and validator, against published tables.
 
 Tables: errata of the paper, section 5: means over 300 trials of an independent implementation; isotropic noise of 1 px,
 as many points as the perimeter has pixels, maximum-likelihood fit, the candidate nearer to the truth, marker on axis.

@@ -1,4 +1,4 @@
-"""The measurement of fidelity: it finds what is planted, and nothing else; what it cannot measure it names."""
+"""Measurement of fidelity: it finds planted errors and nothing else, and names what it cannot measure."""
 
 import json
 from dataclasses import replace

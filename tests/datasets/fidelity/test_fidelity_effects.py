@@ -1,4 +1,4 @@
-"""Renders of each effect alone, and of all together, against the float64 prediction: what the project promises."""
+"""Renders of each effect alone, and of all together, agree with the float64 prediction."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The float64 prediction, against brute force that goes the other way, and against what is known in closed form."""
+"""The float64 prediction, against brute force in the opposite direction, and against closed forms."""
 
 from pathlib import Path
 

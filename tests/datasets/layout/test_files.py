@@ -1,4 +1,4 @@
-"""The write protocol: whole or not at all."""
+"""The write protocol: files appear completely or not at all."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Markers on paper: the vectors of the page are the sheet that is rendered, to a hundredth of a millimetre."""
+"""Printed markers: the vectors of the page match the rendered sheet to a hundredth of a millimetre."""
 
 from __future__ import annotations
 

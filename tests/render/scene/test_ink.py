@@ -1,4 +1,4 @@
-"""The ink plugin against its definition: float32 rays and float64 truth agree to what float32 can tell."""
+"""The ink plugin against its definition: float32 rays and float64 truth agree to float32 precision."""
 
 from typing import Any
 

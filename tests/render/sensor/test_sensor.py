@@ -1,4 +1,4 @@
-"""The sensor as EMVA 1288 would measure it: what is put into its data sheet comes out of its images."""
+"""The sensor measured by EMVA 1288: its images reproduce the values of its data sheet."""
 
 from dataclasses import replace
 from pathlib import Path

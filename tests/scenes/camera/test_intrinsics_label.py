@@ -1,4 +1,4 @@
-"""Labels of intrinsics: taken apart in one place, in one order, with one text for each occasion."""
+"""Labels of intrinsics: parsing, order, and one text for each context."""
 
 import pytest
 

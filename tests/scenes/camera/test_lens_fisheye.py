@@ -1,4 +1,4 @@
-"""The fisheye: against OpenCV's, its Jacobian, its exact inverse to 90 degrees and beyond, and where it ends."""
+"""The fisheye: against OpenCV's, its Jacobian, its exact inverse to 90 degrees and beyond, and its field."""
 
 from pathlib import Path
 

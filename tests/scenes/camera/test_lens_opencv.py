@@ -1,4 +1,4 @@
-"""OpenCV's lens model: its forward map against OpenCV's own, its Jacobian, its exact inverse, and where it ends."""
+"""OpenCV's lens model: its forward map against OpenCV's own, its Jacobian, its exact inverse, and its field."""
 
 import cv2
 import numpy as np

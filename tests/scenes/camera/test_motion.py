@@ -1,4 +1,4 @@
-"""Constant twists in closed form, and the image of a point that moves while the rows are read."""
+"""Constant twists in closed form, and the image of a point that moves during the readout."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The sRGB curve: values of the standard, and that the two directions are inverse."""
+"""The sRGB curve: values of the standard, and the two directions are inverse."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The image of a circle, and the second pose that explains it."""
+"""The image of a circle, and the second pose with the same image."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The bound: the errata's published figures, its rank, and its agreement with how the ellipse moves."""
+"""The bound: the errata's published figures, its rank, and its agreement with derivatives of the ellipse."""
 
 from __future__ import annotations
 

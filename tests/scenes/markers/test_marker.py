@@ -1,4 +1,4 @@
-"""Sheets: what each kind prints, where its edges are, and how it reflects there."""
+"""Sheets: what each kind prints, its edges, and its reflectance."""
 
 from itertools import pairwise
 from typing import Any

@@ -1,4 +1,4 @@
-"""Tags and ChArUco boards: their bits are OpenCV's, and OpenCV reads what is printed where the truth says."""
+"""Tags and ChArUco boards: their bits are OpenCV's, and OpenCV detects them where the truth says."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A study's id, and the numbers of its frames: neither changes unless SAMPLING_VERSION does."""
+"""A study's id and the values of its frames: neither changes unless SAMPLING_VERSION does."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Environment maps: their light and their turn, the file that is meant, and every file that is none."""
+"""Environment maps: light, rotation, checksum of the file, and invalid files."""
 
 import struct
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Frames are pure functions of (study, seed, index), and fill their dimensions evenly."""
+"""Frames are pure functions of (study, seed, index) and fill their dimensions evenly."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Reading studies: what is accepted, and the one line for what is not."""
+"""Reading studies: what is accepted, and the one-line error for what is not."""
 
 import json
 import pickle

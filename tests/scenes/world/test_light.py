@@ -1,4 +1,4 @@
-"""Light and matter against closed forms: lamps, maps, sky, gloss, shadows."""
+"""Light and materials against closed forms: lamps, maps, sky, gloss, shadows."""
 
 from pathlib import Path
 

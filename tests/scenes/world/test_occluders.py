@@ -1,4 +1,4 @@
-"""What stands before the print: the closed form against projection, the truth, and the rendered coverage."""
+"""Occluders in front of the print: the closed form against projection, the truth, and the rendered coverage."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Marks on the print: circles about the centre, known patterns, and what they say about the pose."""
+"""Cues on the print: circles about the centre, known patterns, and their evidence about the pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choosing by declared knowledge: sides, normals, words, and that probabilities mean what they say."""
+"""Disambiguation by prior knowledge: sides, normals, parsing, and calibration of the probabilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is found, and what must not be."""
+"""Detection: what is found, and what must not be found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fits: exact on exact points, the errata's tables under noise, honest covariance, falsy failures."""
+"""Fits: exact on exact points, the errata's tables under noise, correct covariance, falsy failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guaranteed fit: always an ellipse, near the geometric one by a known amount, with an honest covariance."""
+"""The guaranteed fit: always an ellipse, within a known distance of the geometric one, with a correct covariance."""
 
 from __future__ import annotations
 

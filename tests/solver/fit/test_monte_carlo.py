@@ -1,4 +1,4 @@
-"""Noisy edge points to poses, often enough to count: the bound is reached, and the regions hold what they say."""
+"""Noisy edge points to poses, with many trials: the bound is reached, and the regions have their coverage."""
 
 from __future__ import annotations
 

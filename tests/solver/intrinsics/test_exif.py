@@ -1,4 +1,4 @@
-"""EXIF focal lengths: what is believed, how firmly, and that nothing in a file raises."""
+"""EXIF focal lengths: which are used, with which uncertainty, and that no file content raises."""
 
 from __future__ import annotations
 

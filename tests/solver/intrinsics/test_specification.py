@@ -1,4 +1,4 @@
-"""`--intrinsics`: labels, focal lengths, errors of one sentence."""
+"""`--intrinsics`: labels, focal lengths, one-sentence errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Methods of others: found by entry point, called with a copy of what a solver may see, checked, and scored."""
+"""Third-party methods: found by entry point, called with a copy of a solver's inputs, checked, and scored."""
 
 import csv
 import importlib.util

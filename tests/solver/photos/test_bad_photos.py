@@ -1,4 +1,4 @@
-"""What fuzzing found in the entrance of photographs (fuzz/README.md), each once."""
+"""Defects that fuzzing found in the reading of photographs (fuzz/README.md), one test each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photographs as files: every depth, colour and orientation gives the same light; damage is one line."""
+"""Photographs as files: every depth, colour and orientation gives the same light; damage gives one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photographs to poses: the numbers, the record, the pictures, and what happens when one of them is bad."""
+"""Photographs to poses: the numbers, the record, the pictures, and the handling of bad files."""
 
 from __future__ import annotations
 

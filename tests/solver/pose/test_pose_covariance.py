@@ -1,4 +1,4 @@
-"""Errors of ellipse and camera, carried to both poses: by differences, against the bound, and where a tilt drowns."""
+"""Propagation of ellipse and camera errors to both poses: by differences, against the bound, and at small tilts."""
 
 from __future__ import annotations
 

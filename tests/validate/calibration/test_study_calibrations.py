@@ -1,4 +1,4 @@
-"""Calibrations from few views and from many: labels, camera files, and each against the truth."""
+"""Calibrations from few and from many views: labels, camera files, and comparison with the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Benefit of calibration Answers on tables of scores whose answer is known."""
+"""Benefit of calibration, on tables of scores whose answer is known."""
 
 from __future__ import annotations
 

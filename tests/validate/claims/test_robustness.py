@@ -1,4 +1,4 @@
-"""Sweeps: where an error doubles is found where it was planted, with an interval that covers it."""
+"""Sweeps: the level at which an error doubles is found where it was planted, with an interval that covers it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's claims as verdicts: planted laws are found, planted falsehoods refused, and the rest is left open."""
+"""Verdicts on the paper's claims: planted laws are confirmed, planted falsehoods fail, and the rest is undecided."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Off the optical axis a wrong focal length turns the normal: the study that ships, against published numbers.
+"""Off the optical axis a wrong focal length rotates the normal: the shipped study, against published numbers.
 
 Numbers: errata of the paper, sections 4 and 5 (the caveat), noise-free, at the worst azimuth.
 """

@@ -1,4 +1,4 @@
-"""Estimates and baselines that cannot be, through the command: exit 2 or 3 (4 for damaged Parquet), and one line."""
+"""Invalid estimates and baselines, through the command: exit status 2 or 3 (4 for damaged Parquet), and one line."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Estimates that leave things out: poses without ellipses, ellipses without poses, centres alone, no camera."""
+"""Incomplete estimates: poses without ellipses, ellipses without poses, centres alone, no camera."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Estimates read from files: ours, other people's, and what is none."""
+"""Estimates read from files: Roundel's, third-party, and invalid ones."""
 
 from pathlib import Path
 

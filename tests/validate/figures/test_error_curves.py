@@ -1,4 +1,4 @@
-"""Figures: deterministic, for light and dark, of the right shape for grids and for draws."""
+"""Figures: deterministic, for light and dark themes, with the right shape for grids and for drawn values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The matrix: what was varied against what went wrong."""
+"""The matrix of varied quantities against errors."""
 
 from __future__ import annotations
 

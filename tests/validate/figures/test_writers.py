@@ -1,4 +1,4 @@
-"""Figures as files: the SVG of the page, no leftovers of an earlier run, and nobody else's file touched."""
+"""Figures as files: the SVG of the page, no leftovers of an earlier run, and no other file touched."""
 
 from __future__ import annotations
 

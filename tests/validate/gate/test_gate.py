@@ -1,4 +1,4 @@
-"""The gate: silent for noise, loud for losses, and it refuses to compare unlike things."""
+"""The gate: it passes for noise, fails for losses, and refuses incomparable reports."""
 
 from dataclasses import replace
 from xml.etree import ElementTree

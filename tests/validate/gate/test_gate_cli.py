@@ -1,4 +1,4 @@
-"""The gate from the command line: exit codes, files, and one line where there is nothing to compare."""
+"""The gate from the command line: exit status, files, and one line if there is nothing to compare."""
 
 import json
 import shutil

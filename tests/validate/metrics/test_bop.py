@@ -1,4 +1,4 @@
-"""MSSD and MSPD of a disc: against BOP's definitions, closed forms, and the symmetries that they must not see."""
+"""MSSD and MSPD of a disc: against BOP's definitions, closed forms, and invariance under its symmetries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounds of frames and what they need: a truth that tells, and one clear line where it does not."""
+"""Bounds of frames: the truth that they need, and one clear line if it is missing."""
 
 from __future__ import annotations
 

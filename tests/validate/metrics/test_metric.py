@@ -1,4 +1,4 @@
-"""A metric's title, unit and scale stand once: change the record, and all that people read changes with it."""
+"""A metric's title, unit and scale are defined once: changing the record changes all displayed text."""
 
 from collections.abc import Iterator
 from pathlib import Path

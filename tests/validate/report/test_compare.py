@@ -1,4 +1,4 @@
-"""Several reports in one, and several methods in one report: paired where frames are shared, silent where not."""
+"""Several reports in one, and several methods in one report: compared in pairs only for shared frames."""
 
 from __future__ import annotations
 

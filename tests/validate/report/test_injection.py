@@ -1,4 +1,4 @@
-"""No text of a user's acts in a report: study, group, method, intrinsics, reason, and the names of files."""
+"""User text is inert in a report: study, group, method, intrinsics, reason, and file names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report: its three files, what they say, and that they stand alone and come out the same."""
+"""The report: its three files, their content, self-containedness and determinism."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs in numbers: intervals, recall with its misses, errors over bounds, and runs against each other."""
+"""Statistics of runs: intervals, recall with its misses, errors relative to bounds, and comparison of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scores: assignment, oracle and choice, references, and estimates that lie."""
+"""Scores: assignment, oracle (the candidate nearer to the truth) and choice, references, and wrong estimates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intervals that hold what they promise, and say when they cannot."""
+"""Intervals: they have their nominal coverage, and report when they cannot."""
 
 import numpy as np
 import pytest

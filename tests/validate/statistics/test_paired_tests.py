@@ -1,4 +1,4 @@
-"""Paired comparisons: silent where nothing changed, loud where something did, and honest about their power."""
+"""Paired comparisons: they pass without a change, fail with one, and report their power correctly."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Slopes, means and ratios: against a bootstrap over frames, against planted laws, and what no frame can say."""
+"""Slopes, means and ratios: against a bootstrap over frames, against planted laws, and without usable frames."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tables for people and for programs: joined columns, plain values, and no text of a user's that acts."""
+"""Tables for people and for programs: joined columns, plain values, and inert user text."""
 
 from __future__ import annotations
 
