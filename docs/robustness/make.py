@@ -1,6 +1,6 @@
 """Make the figure and the table of docs/robustness.md: `python docs/robustness/make.py OUT`.
 
-OUT has a folder for each study, as `roundel run configs/STUDY.yaml OUT/STUDY` makes it.
+OUT contains a folder for each study, written by `roundel run configs/STUDY.yaml OUT/STUDY`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ COLUMNS = 3
 
 
 def sweep_of(out: Path, study: str) -> dict[str, Any]:
-    """The sweep of a finished study."""
+    """Read the sweep of a finished study."""
     summary = json.loads((out / study / "report" / "summary.json").read_text(encoding="utf-8"))
     (sweep,) = summary["sweeps"]
     return dict(sweep)
 
 
 def figure(sweeps: dict[str, dict[str, Any]]) -> str:
-    """All sweeps, a panel each."""
+    """Draw all sweeps, one panel each."""
 
     def draw(page: Figure) -> None:
         panels = page.subplots(-(-len(sweeps) // COLUMNS), COLUMNS, squeeze=False)
@@ -56,8 +56,8 @@ def figure(sweeps: dict[str, dict[str, Any]]) -> str:
 
 
 def table(sweeps: dict[str, dict[str, Any]]) -> str:
-    """One row a nuisance and kind of intrinsics."""
-    head = ("nuisance", "levels", "intrinsics", "normal at the mildest", "at the harshest", "has doubled at", "solved")
+    """Format one row for each nuisance and kind of intrinsics."""
+    head = ("nuisance", "levels", "intrinsics", "normal error at the mildest level", "at the harshest level", "doubles at", "solved")
     rows = ["| " + " | ".join(head) + " |", "|---|---|---|---|---|---|---|"]
     for study, sweep in sweeps.items():
         levels = sweep["levels"]
@@ -66,7 +66,7 @@ def table(sweeps: dict[str, dict[str, Any]]) -> str:
         for i, curve in enumerate(sweep["curves"]):
             at = curve["doubling"]
             low, high = ("beyond" if v is None else number(v) for v in (at["low"], at["high"]))
-            doubled = "not within them" if at["level"] is None else f"{number(at['level'])} ({low} to {high})"
+            doubled = "not within the levels" if at["level"] is None else f"{number(at['level'])} ({low} to {high})"
             deg = curve["normal_median_deg"]
             name = f"[{study}](../configs/{study}.yaml): {title_of(sweep)}" if i == 0 else ""
             cells = (
@@ -83,7 +83,7 @@ def table(sweeps: dict[str, dict[str, Any]]) -> str:
 
 
 def main(out: Path) -> None:
-    """Write the figure beside this script, and the table into the page."""
+    """Write the figure next to this script, and the table into the page."""
     sweeps = {study: sweep_of(out, study) for study in STUDIES}
     Path(__file__).with_name("robustness.svg").write_text(figure(sweeps), encoding="utf-8")
     page = PAGE.read_text(encoding="utf-8")
@@ -94,7 +94,7 @@ def main(out: Path) -> None:
         flags=re.DOTALL,
     )
     if places != 1:
-        raise SystemExit(f"{PAGE.name} has {places} places for the table; it needs one")
+        raise SystemExit(f"{PAGE.name} has {places} places for the table; expected one")
     PAGE.write_text(page, encoding="utf-8")
 
 
