@@ -57,7 +57,8 @@ def figure(sweeps: dict[str, dict[str, Any]]) -> str:
 
 def table(sweeps: dict[str, dict[str, Any]]) -> str:
     """Format one row for each nuisance and kind of intrinsics."""
-    head = ("nuisance", "levels", "intrinsics", "normal error at the mildest level", "at the harshest level", "doubles at", "solved")
+    ends = "normal error at the mildest level", "at the harshest level"
+    head = ("nuisance", "levels", "intrinsics", *ends, "doubles at", "solved")
     rows = ["| " + " | ".join(head) + " |", "|---|---|---|---|---|---|---|"]
     for study, sweep in sweeps.items():
         levels = sweep["levels"]

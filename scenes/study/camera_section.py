@@ -17,34 +17,36 @@ class CameraSection(Section):
     width_px: int = Field(ge=16, le=20_000, description="image width, px")
     height_px: int = Field(ge=16, le=20_000, description="image height, px")
     focal_px: Positive | None = Field(
-        default=None, description="focal length in focus, px (K[0, 0]); instead of focal_mm"
+        default=None, description="focal length at focus, px (K[0, 0]); instead of focal_mm"
     )
     focal_mm: Positive | None = Field(default=None, description="focal length of the lens, mm; needs pixel_pitch_um")
-    pixel_pitch_um: Positive | None = Field(default=None, description="distance between the centres of two pixels, um")
+    pixel_pitch_um: Positive | None = Field(
+        default=None, description="distance between the centres of adjacent pixels, um"
+    )
     aspect: Positive = Field(default=1.0, description="fy / fx")
     skew_px: AnyValue = Field(default=0.0, description="skew K[0, 1], px")
     principal_point_x_px: AnyValue | None = Field(
-        default=None, description="principal point, px; default: the image centre (width_px - 1) / 2"
+        default=None, description="principal point in x, px; default: the image centre (width_px - 1) / 2"
     )
     principal_point_y_px: AnyValue | None = Field(
-        default=None, description="principal point, px; default: the image centre (height_px - 1) / 2"
+        default=None, description="principal point in y, px; default: the image centre (height_px - 1) / 2"
     )
     distortion_model: Literal["opencv", "fisheye"] = Field(
         default="opencv", description="OpenCV's rational model, or OpenCV's fisheye"
     )
     distortion: list[AnyValue] = Field(
         default=[],
-        description="coefficients, OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; "
+        description="coefficients in OpenCV's order: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]]; "
         "fisheye: k1 k2 k3 k4",
     )
     f_number: Positive | None = Field(
-        default=None, description="focal length over aperture diameter; needs focal_mm and focus_m"
+        default=None, description="focal length divided by aperture diameter; needs focal_mm and focus_m"
     )
     aperture_mm: NonNegative | None = Field(
         default=None, description="aperture diameter, mm; 0 is a pinhole; needs focus_m"
     )
     focus_m: Positive | None = Field(
-        default=None, description="distance in focus from the camera centre, along the optical axis, m"
+        default=None, description="focus distance from the camera centre, along the optical axis, m"
     )
     blades: Literal[0, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12] = Field(
         default=0, description="number of aperture blades; 0 is a round aperture"
@@ -52,12 +54,12 @@ class CameraSection(Section):
     blade_turn_deg: Turn = Field(
         default=0.0, description="direction of the aperture's first corner, degrees from +x toward +y"
     )
-    diffraction: bool = Field(default=False, description="whether the aperture blurs by its Airy pattern")
+    diffraction: bool = Field(default=False, description="whether to blur with the aperture's Airy pattern")
     wavelengths_nm: list[Positive] = Field(
         default=[550.0],
         min_length=1,
         max_length=16,
-        description="wavelengths of the Airy pattern, nm, mixed evenly; with a mosaic three: red, green, blue",
+        description="wavelengths of the Airy pattern, nm, equally weighted; with a mosaic three: red, green, blue",
     )
     natural_vignetting: bool = Field(
         default=False, description="whether brightness falls with cos^4 of the field angle"
@@ -110,6 +112,6 @@ class MotionSection(Section):
     readout_s: NonNegative = Field(
         default=0.0, description="time from the first to the last row, s; 0 is a global shutter"
     )
-    frame_s: Positive = Field(default=1.0, description="time between two frames, s; an exposure must fit in")
+    frame_s: Positive = Field(default=1.0, description="time between two frames, s; not shorter than the exposure")
     camera: TwistSection = Field(default=TwistSection(), description="motion of the camera, in its own frame")
     marker: TwistSection = Field(default=TwistSection(), description="motion of the marker, in its own frame")

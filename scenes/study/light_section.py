@@ -30,7 +30,7 @@ class AreaLampSection(Section):
 class PointLampSection(Section):
     """A point light: irradiance at distance d is intensity cos / d^2."""
 
-    kind: Literal["point"] = Field(description="a light without extent")
+    kind: Literal["point"] = Field(description="a point light")
     position_m: Place = Field(description="position in the camera frame, m")
     intensity: NonNegative = Field(description="intensity: irradiance at distance d is intensity cos / d^2")
     colour: Colour = Field(
@@ -41,13 +41,13 @@ class PointLampSection(Section):
 class SpotLampSection(Section):
     """A spotlight that faces the marker; its intensity falls off from `beam_deg` to `cutoff_deg`."""
 
-    kind: Literal["spot"] = Field(description="a point light in a cone")
+    kind: Literal["spot"] = Field(description="a spotlight: a point light limited to a cone")
     position_m: Place = Field(description="position in the camera frame, m")
     intensity: NonNegative = Field(description="intensity on the axis: irradiance at distance d is intensity cos / d^2")
-    cutoff_deg: Annotated[Positive, Field(description="half angle beyond which there is no light")] = 20.0
-    beam_deg: Annotated[Positive, Field(description="half angle of full intensity")] = 15.0
-    aim_x_m: AnyValue = Field(default=0.0, description="point that it aims at, in the marker's plane, m")
-    aim_y_m: AnyValue = Field(default=0.0, description="point that it aims at, in the marker's plane, m")
+    cutoff_deg: Annotated[Positive, Field(description="half angle beyond which there is no light, degrees")] = 20.0
+    beam_deg: Annotated[Positive, Field(description="half angle of full intensity, degrees")] = 15.0
+    aim_x_m: AnyValue = Field(default=0.0, description="x of the point it is aimed at, in the marker's plane, m")
+    aim_y_m: AnyValue = Field(default=0.0, description="y of the point it is aimed at, in the marker's plane, m")
     colour: Colour = Field(
         default=_WHITE, description="relative red, green and blue; only a sensor with a mosaic distinguishes them"
     )
@@ -87,7 +87,7 @@ class MapSection(Section):
     scale: NonNegative = Field(default=1.0, description="factor on the radiance of the map")
     turn_deg: Turn = Field(
         default=0.0,
-        description="rotation about the vertical, degrees from +z toward +x; at 0 the camera looks at the map's middle",
+        description="rotation about the vertical, degrees from +z toward +x; at 0 the camera faces the map's centre",
     )
 
 
@@ -97,13 +97,13 @@ class SkySection(Section):
     sun_elevation_deg: Elevation = Field(default=45.0, description="elevation of the sun above the horizon, degrees")
     sun_azimuth_deg: Turn = Field(
         default=160.0,
-        description="azimuth of the sun, degrees from +z (where the camera looks) toward +x; 180 is behind",
+        description="azimuth of the sun, degrees from +z (the viewing direction) toward +x; 180 is behind the camera",
     )
     turbidity: Turbidity = Field(default=3.0, description="turbidity of the air, 1 (clear) to 10 (haze)")
-    sun: NonNegative = Field(default=1.0, description="factor on the sun's radiance; 0 is a clouded sun")
+    sun: NonNegative = Field(default=1.0, description="factor on the sun's radiance; 0: no direct sunlight")
     scale: NonNegative = Field(
         default=2.0,
-        description="factor on sun and sky; at 2 a sheet in the sun is as bright as under an environment of 1",
+        description="factor on sun and sky; at 2 a sunlit sheet is as bright as under an environment of 1",
     )
 
 
@@ -129,8 +129,8 @@ class OccluderSection(Section):
     """A flat object in front of the print, parallel to it: it hides the marker from the camera, or shades it."""
 
     shape: Literal["disc", "rectangle"] = Field(default="rectangle", description="outline of the occluder")
-    x_m: AnyValue = Field(default=0.0, description="position of its centre, in the marker's frame, m")
-    y_m: AnyValue = Field(default=0.0, description="position of its centre, in the marker's frame, m")
+    x_m: AnyValue = Field(default=0.0, description="x of its centre, in the marker's frame, m")
+    y_m: AnyValue = Field(default=0.0, description="y of its centre, in the marker's frame, m")
     z_m: Positive = Field(description="height above the print, m")
     width_m: Positive = Field(description="width, or diameter of a disc, m")
     height_m: Positive | None = Field(default=None, description="height of a rectangle, m; default: its width")

@@ -26,20 +26,22 @@ class SurfaceSection(Section):
 class ClutterSection(Section):
     """Random discs and squares on the wall, one per cell, redrawn for each frame."""
 
-    cell_m: Positive = Field(description="side of a cell of the wall, m; each holds one shape")
-    contrast: Fraction = Field(default=0.5, description="largest difference of a shape's reflectance from the wall's")
+    cell_m: Positive = Field(description="side of a wall cell, m; each cell has one shape")
+    contrast: Fraction = Field(
+        default=0.5, description="largest difference between the reflectances of a shape and the wall"
+    )
 
 
 class _Print(Section):
     ink: Fraction = Field(default=0.05, description="reflectance of the ink")
     paper: Fraction = Field(default=0.80, description="reflectance of the paper")
     wall: Fraction = Field(default=0.35, description="reflectance of the plane behind the sheet")
-    inverted: bool = Field(default=False, description="a light marker on dark paper")
+    inverted: bool = Field(default=False, description="whether to print a light marker on dark paper")
     margin_m: NonNegative | None = Field(
-        default=None, description="paper around the print, m; default: a third of the print"
+        default=None, description="width of the paper around the print, m; default: a third of the print"
     )
     edge_softness_m: NonNegative = Field(default=0.0, description="width of the linear ramp between ink and paper, m")
-    grain: Fraction = Field(default=0.0, description="RMS of the paper's reflectance, as a fraction of it")
+    grain: Fraction = Field(default=0.0, description="RMS variation of the paper's reflectance, as a fraction of it")
     grain_m: Positive = Field(default=0.0005, description="size of a grain, m")
     surface: SurfaceSection = Field(default=SurfaceSection(), description="gloss of print and paper")
     clutter: ClutterSection | None = Field(default=None, description="random shapes on the wall; default: none")
@@ -83,7 +85,7 @@ class CodedRingsSection(_Print):
     cells, from the inside, clockwise from +X as seen by a reader of the print.
     """
 
-    kind: Literal["coded_rings"] = Field(description="a disc in a ring with rings of code cells between them")
+    kind: Literal["coded_rings"] = Field(description="a disc in a ring, with rings of code cells between them")
     diameter_m: Positive = Field(description="outer diameter, m")
     code: list[Annotated[str, Field(pattern="^[01]{4,128}$")]] = Field(
         min_length=1,
@@ -91,8 +93,8 @@ class CodedRingsSection(_Print):
         description="a string of 0 and 1 (ink) for each ring of cells, from the inside, clockwise from +X",
     )
     disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii")
-    code_from: Fraction = Field(default=0.30, description="radius where the cells begin, in outer radii")
-    code_to: Fraction = Field(default=0.78, description="radius where the cells end, in outer radii")
+    code_from: Fraction = Field(default=0.30, description="inner radius of the code cells, in outer radii")
+    code_to: Fraction = Field(default=0.78, description="outer radius of the code cells, in outer radii")
     ring_from: Fraction = Field(default=0.86, description="inner radius of the outer ring, in outer radii")
 
 
@@ -142,7 +144,7 @@ class DiscWithChessboardSection(_Print):
 
     kind: Literal["disc_with_chessboard"] = Field(description="a disc with a chessboard beside it")
     diameter_m: Positive = Field(description="diameter of the disc, m")
-    gap_m: Positive = Field(description="distance from the disc's edge to the board's, m")
+    gap_m: Positive = Field(description="distance from the edge of the disc to that of the board, m")
     chessboard: BoardKeys = Field(description="the chessboard")
 
 

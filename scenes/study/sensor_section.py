@@ -19,43 +19,43 @@ class SensorSection(Section):
     """Photons to electrons to digital numbers (DN)."""
 
     white_level: Positive = Field(
-        default=0.8, description="auto exposure: fraction of the full well that the sheet's white reaches"
+        default=0.8, description="auto-exposure: fraction of the full well that the sheet's white reaches"
     )
-    exposure_e: Positive | None = Field(default=None, description="fixed exposure: electrons for a radiance of 1")
+    exposure_e: Positive | None = Field(default=None, description="fixed exposure, in electrons for a radiance of 1")
     exposure_ph: Positive | None = Field(
-        default=None, description="fixed exposure in photons for a radiance of 1; quantum_efficiency applies"
+        default=None, description="fixed exposure, in photons for a radiance of 1; quantum_efficiency applies"
     )
     quantum_efficiency: Fraction = Field(default=0.6, description="electrons per photon")
     full_well_e: Positive = Field(default=10_000.0, description="full well, electrons")
     gain_dn_per_e: Positive | None = Field(
-        default=None, description="gain, DN per electron; default: the full well fills the range"
+        default=None, description="gain, DN per electron; default: the full well spans the range"
     )
     read_noise_e: NonNegative = Field(default=5.0, description="standard deviation of the read noise, electrons")
     dark_current_e_s: NonNegative = Field(
         default=0.0, description="dark current, electrons per second, over motion.exposure_s"
     )
-    shot_noise: bool = Field(default=True, description="whether photons arrive by chance (Poisson)")
+    shot_noise: bool = Field(default=True, description="whether to add photon shot noise (Poisson)")
     prnu: Fraction = Field(
         default=0.0, description="photo response non-uniformity: relative standard deviation of the pixels' sensitivity"
     )
     dsnu_e: NonNegative = Field(
         default=0.0, description="dark signal non-uniformity: standard deviation of the pixels' dark signal, electrons"
     )
-    black_level_dn: NonNegative = Field(default=0.0, description="digital number of no light, DN")
+    black_level_dn: NonNegative = Field(default=0.0, description="digital number without light, DN")
     bits: Literal[8, 10, 12, 16] = Field(default=8, description="bits per channel of the converter and of the file")
     fill_factor: Share = Field(
-        default=1.0, description="fraction of a pixel's area that collects light, a centred square"
+        default=1.0, description="fraction of a pixel's area that collects light; the area is a centred square"
     )
     mosaic: Literal["none", "rggb", "bggr", "grbg", "gbrg"] = Field(
-        default="none", description="Bayer colour filters, by the first four pixels"
+        default="none", description="Bayer pattern, named by its first four pixels"
     )
     deliver: Literal["colour", "raw"] = Field(
-        default="colour", description="of a mosaic: the demosaiced image, or the mosaic itself"
+        default="colour", description="for a mosaic: the demosaiced image, or the raw mosaic"
     )
     white_balance: Literal["auto", "none"] | list[Positive] = Field(
-        default="auto", description="auto: the sheet's white becomes grey; none; or factors for red, green, blue"
+        default="auto", description="auto: makes the sheet's white grey; none; or factors for red, green, blue"
     )
-    curve: Literal["linear", "srgb", "gamma"] = Field(default="linear", description="curve of the delivered numbers")
+    curve: Literal["linear", "srgb", "gamma"] = Field(default="linear", description="tone curve of the delivered image")
     gamma: Positive = Field(default=2.2, description="exponent of the curve `gamma`: out = in^(1/gamma)")
     jpeg_quality: Quality | None = Field(default=None, description="JPEG quality, 1 to 100; default: a PNG file")
 
