@@ -80,7 +80,7 @@ def test_refusals(house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
         compare_reports([good], out)
     with pytest.raises(UsageError, match="given twice"):
         compare_reports([good, good], out)
-    with pytest.raises(UsageError, match="is no report"):
+    with pytest.raises(UsageError, match="is not a report"):
         compare_reports([good, tmp_path], out)
     with pytest.raises(UsageError, match="is one of the reports"):
         compare_reports([good, house / "bad"], good)
