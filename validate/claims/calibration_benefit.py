@@ -1,7 +1,7 @@
 """Benefit of a calibration: errors with and without it on the same frames.
 
 This is the paper's question. Its experiments keep the marker on the optical axis, where the normal does not depend on
-the focal length at all (errata, section 5). Frames off the axis are the general case, so the two are reported separately.
+the focal length at all (errata, section 5). Frames off the axis are the general case, so both are reported separately.
 """
 
 from __future__ import annotations

@@ -83,14 +83,15 @@ def normal_lowest_tilt(settings: Sequence[Condition]) -> Claim | None:
         if why or not known or len(known) < len(ratios):
             findings.append(undecided(s, statistic, "above 1", why or "no ratio can be fitted"))
             continue
-        words = f"at a tilt of {lowest} the error is {{}} times the largest error at {' and '.join(others)}"
+        words = f"at a tilt of {lowest} the error is {{}} times the largest mean error at {' and '.join(others)}"
         findings.append(found(s, statistic, words, decide_all(known, 0.0), "above 1", logarithm=True))
         cells = _cells(s)
         if cells:
             worst = sum(_largest_at_lowest(s))
             each = "the smallest such ratio at any single distance"
             words = (
-                f"at {worst} of {len(s.distances()[0])} distances the error is largest at {lowest}; the least certain ratio is {{}}"
+                f"at {worst} of {len(s.distances()[0])} distances the error is largest at {lowest}; the least certain "
+                "ratio is {}"
             )
             findings.append(found(s, each, words, decide_all(cells, 0.0), "above 1", logarithm=True, main=False))
     if not findings:

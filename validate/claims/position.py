@@ -103,8 +103,9 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         low, high = 1 - NEAR_ONE, 1 + NEAR_ONE
         decision = decide_all(list(slopes.values()), low, high)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, the least certain of {len(slopes)})")
-        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
+        name = IntrinsicsLabel.of(label).short
+        words = POWER.format(f"uncalibrated error ({name}, the least certain of {len(slopes)})")
+        findings.append(found(s, f"{statistic} ({name})", words, decision, region))
         told = [label for label in s.wrong if label in s.pure]
         means = {label: mean_of(errors[label] / predicted_D(s, label), s.frame) for label in told}
         ratios = [r for r in means.values() if r is not None]

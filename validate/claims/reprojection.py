@@ -51,14 +51,16 @@ def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
             continue
         decision = decide_all(list(slopes.values()), high=-GROWS)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, the least certain of {len(slopes)})")
-        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
+        name = IntrinsicsLabel.of(label).short
+        words = POWER.format(f"uncalibrated error ({name}, the least certain of {len(slopes)})")
+        findings.append(found(s, f"{statistic} ({name})", words, decision, region))
         bias = {IntrinsicsLabel.of(n).short: slope for n in s.wrong if (slope := bias_slope(s, n)) is not None}
         if bias:
             text = ", ".join(
                 f"{n} {number(e.value)} [{number(e.interval()[0])}, {number(e.interval()[1])}]" for n, e in bias.items()
             )
-            remarks.append((s.name, f"The bias alone, with noise subtracted, is proportional to the distance to the power {text}."))
+            law = f"The bias alone, with noise subtracted, is proportional to the distance to the power {text}."
+            remarks.append((s.name, law))
     if not findings:
         return None
     return Claim(

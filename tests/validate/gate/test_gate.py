@@ -252,7 +252,7 @@ def test_a_step_summary_stays_below_githubs_limit():
     text = markdown(GateResult(checks, [Frame("ml, true", 1, 0, 2.0, "x")] * 10))
     assert len(text.encode()) < SUMMARY_LIMIT_BYTES
     assert "<img>" not in text
-    assert "cut short" in text
+    assert "truncated" in text
     assert "and 2300 more" in text
     assert text.count("--frames 1:2") == 10
 

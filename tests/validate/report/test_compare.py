@@ -86,10 +86,10 @@ def test_refusals(house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
         compare_reports([good, house / "bad"], good)
     with pytest.raises(UsageError, match="is a file"):
         compare_reports([good, house / "bad"], house / "good.parquet")
-    with pytest.raises(NotComparableError, match="metrics are of version 99"):
+    with pytest.raises(NotComparableError, match="metrics have version 99"):
         compare_reports([good, changed(house, tmp_path / "version", metric_version=99)], out)
     settings = {**json.loads((house / "bad" / "summary.json").read_text())["settings"], "reprojection_extent_D": 5.0}
-    with pytest.raises(NotComparableError, match="reaches 5 D"):
+    with pytest.raises(NotComparableError, match="extends to 5 D"):
         compare_reports([good, changed(house, tmp_path / "extent", settings=settings)], out)
     with pytest.raises(NotComparableError, match="another version of Roundel"):
         compare_reports([good, changed(house, tmp_path / "schema", schema=99)], out)
