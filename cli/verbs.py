@@ -155,7 +155,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
         return solve_photos(arguments, _knowledge(arguments.knowledge))
     if arguments.diameter_m is not None or arguments.linear:
         option = "--linear" if arguments.linear else "--diameter-m"
-        raise UsageError(f"{option}: only for photographs; a dataset already defines its markers and its sensor")
+        raise UsageError(f"{option}: a dataset defines its own markers and sensor; leave it out")
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest
     from roundel.solver.methods.solve import solve_dataset

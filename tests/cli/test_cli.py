@@ -107,7 +107,7 @@ def test_wrong_arguments_are_usage_errors(finished: Path, tmp_path: Path, capsys
     study, dataset = finished / "study.yaml", finished / "out" / "dataset"
     refused(capsys, 2, "cannot read the study", "check", tmp_path / "none.yaml")
     refused(capsys, 2, "give a STUDY", "check")
-    refused(capsys, 2, "frames are A:B", "render", study, tmp_path / "x", "--frames", "a:b")
+    refused(capsys, 2, "give frames as A:B", "render", study, tmp_path / "x", "--frames", "a:b")
     refused(capsys, 2, "no frames in this range", "render", study, tmp_path / "x", "--frames", "3:3")
     refused(capsys, 2, "whole number", "render", study, tmp_path / "x", "--jobs", "0")
     refused(capsys, 2, "ml", "solve", dataset, tmp_path / "e", "--method", "mll")
@@ -240,10 +240,10 @@ def test_wrong_arguments_about_photographs(photograph: Path, finished: Path, tmp
         "--intrinsics",
         "true",
     )
-    refused(capsys, 2, "it is a file", "solve", photograph, photograph, "--diameter-m", 1)
+    refused(capsys, 2, "is a file", "solve", photograph, photograph, "--diameter-m", 1)
     refused(capsys, 2, "leave it out", "solve", dataset, out, "--diameter-m", 1)
-    refused(capsys, 2, "one dataset alone", "solve", dataset, photograph, out, "--diameter-m", 1)
-    refused(capsys, 2, "name them, as", "solve", photograph.parent, out, "--diameter-m", 1)
+    refused(capsys, 2, "a single dataset", "solve", dataset, photograph, out, "--diameter-m", 1)
+    refused(capsys, 2, "give the images by name", "solve", photograph.parent, out, "--diameter-m", 1)
     refused(capsys, 2, "did you mean wall", "solve", photograph, out, "--diameter-m", 1, "--knowledge", "wal")
     assert not out.exists()
 

@@ -280,7 +280,7 @@ def test_unknown_knowledge():
         check_knowledge(NormalPrior(np.zeros(3)))
     with pytest.raises(UsageError, match="prior"):
         check_knowledge(GreatCirclePrior(np.array([0, np.nan, 0])))
-    with pytest.raises(UsageError, match="float is no knowledge"):
+    with pytest.raises(UsageError, match="float is not a valid prior"):
         check_knowledge(0.8)
     with pytest.raises(UsageError, match="concentric circle"):
         check_knowledge(ConcentricCircle(1.2))

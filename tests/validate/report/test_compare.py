@@ -93,7 +93,7 @@ def test_refusals(house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
         compare_reports([good, changed(house, tmp_path / "extent", settings=settings)], out)
     with pytest.raises(NotComparableError, match="another version of Roundel"):
         compare_reports([good, changed(house, tmp_path / "schema", schema=99)], out)
-    with pytest.raises(DataError, match="not the one"):
+    with pytest.raises(DataError, match="not the file"):
         compare_reports([good, changed(house, tmp_path / "sum", checksums={})], out)
     broken = changed(house, tmp_path / "broken")
     (broken / "summary.json").write_text("{")
