@@ -67,7 +67,7 @@ def _piece(text: str) -> Evidence:
             "circle": "circle:RATIO, for example circle:0.5",
             **{place: f"{place}, {place}:SPREAD_DEG or {place}:GX,GY,GZ:SPREAD_DEG" for place in _PLACES},
         }.get(name, name)
-        raise UsageError(f"--knowledge {text}: use {form}")
+        raise UsageError(f"--knowledge {text}: write {form}")
     hint = did_you_mean(name, _WORDS) or f"use one of {', '.join(_WORDS)}"
     raise UsageError(f"--knowledge {text}: unknown; {hint}")
 

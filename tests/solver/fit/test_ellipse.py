@@ -222,7 +222,7 @@ def test_sigmas_that_are_none(sigma):
 
 def test_other_wrong_arguments():
     points = ellipse_points(ELLIPSE, 20)
-    assert "one number a point" in fit_ellipse(points, sigma_px=np.ones(7)).reason
+    assert "one number per point" in fit_ellipse(points, sigma_px=np.ones(7)).reason
     assert "start" in fit_ellipse(points, start=[1, 2, 3, -1, 0]).reason
     assert "start" in fit_ellipse(points, start=[1, 2, 3]).reason
     with pytest.raises(ValueError, match="unknown loss"):
