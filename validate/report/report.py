@@ -131,8 +131,8 @@ def _cards(summary: Summary) -> list[dict[str, str]]:
         off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
         return [
             {"value": f"{100 * bare / run['n']:.4g} %", "label": f"of {run['n']} circles found, without a pose"},
-            {"value": f"{number(off[0])} px", "label": "centre, from the image of the circle's, median"},
-            {"value": f"{number(off[1])} px", "label": "centre, from the ellipse's, median"},
+            {"value": f"{number(off[0])} px", "label": "to the image of the circle's centre, median"},
+            {"value": f"{number(off[1])} px", "label": "to the centre of the ellipse, median"},
         ]
     normal, position, around = (
         number(oracle[f"{name}_error_{unit}"]["median"])

@@ -210,7 +210,7 @@ def test_failures_are_falsy_and_say_why(fit, points, says):
 def test_an_open_curve_has_no_ellipse():
     failed = fit_ellipse(np.stack([np.arange(10.0), np.arange(10.0) ** 2], axis=1))
     assert isinstance(failed, FailedFit)
-    assert "without end" in failed.reason
+    assert "without bound" in failed.reason
 
 
 @pytest.mark.parametrize("sigma", [0.0, np.zeros(20), np.full(20, np.nan), -np.ones(20), np.r_[np.ones(19), np.inf]])

@@ -170,7 +170,7 @@ def test_a_calibration_of_the_image_before_it_was_turned(tmp_path):
         ("default:crop", "did you mean default:crop43"),
         ("focal", "positive focal length in px, for example focal:3100"),
         ("focal:-1", "positive focal length"),
-        ("focal:3100+-", "standard deviation, in px or %"),
+        ("focal:3100+-", "in px or %, at most half"),
         ("focal:3100+-x", "standard deviation"),
         ("focal:3100+-2000", "at most half of it"),
         ("focal35:26+-80%", "at most half of it, for example focal35:26"),

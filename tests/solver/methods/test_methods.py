@@ -206,9 +206,9 @@ def test_a_report_of_centres_alone_says_that_it_has_no_poses(dataset, tmp_path):
     assert main(["validate", str(dataset.path), str(tmp_path / "est"), "--out", str(tmp_path / "report")]) == 0
     html = (tmp_path / "report" / "report.html").read_text()
     assert "Method blobs found 4 of 4 circles in 4 frames" in html
-    assert "It gives no poses. Its centres are off by" in html
+    assert "It gives no poses. The median distance of its centres is" in html
     assert "of 4 circles found, without a pose" in html
-    assert "two poses that explain it equally well" not in html
+    assert "explain one image of a circle equally well" not in html
     assert "<b>-" not in html
 
 

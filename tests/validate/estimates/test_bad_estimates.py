@@ -95,7 +95,7 @@ def test_the_same_file_twice(dataset, rows, tmp_path, capsys):
         (("frame_id,mood", "0,well"), 2, "has no columns of a pose (normal_x .. centre_z_m), nor ellipse"),
         (("normal_x,normal_y", "0,0"), 2, "has no column frame_id"),
         ((POSE.replace("centre_x_m", "center_x_m"), GOOD), 2, "'center_x_m'; did you mean centre_x_m?"),
-        ((POSE.replace("normal_y", "normal_x"), GOOD), 2, "column 'normal_x' stands twice"),
+        ((POSE.replace("normal_y", "normal_x"), GOOD), 2, "column 'normal_x' appears twice"),
         ((POSE, "0,nan,nan,nan,nan,nan,nan"), 2, "missing or not finite"),
         ((POSE, "0,0,0,-1,0,0,"), 2, "missing or not finite"),
         ((POSE, "0,0,0,-1,0,0,inf"), 2, "missing or not finite"),
@@ -174,7 +174,7 @@ def test_columns_of_another_type(dataset, tmp_path, capsys):
     refused(capsys, 2, "column frame_id is not int64", dataset, file)
     twice = pa.Table.from_arrays([pa.array([0])] * 2, names=["frame_id", "frame_id"])
     pq.write_table(twice, file)
-    refused(capsys, 2, "column 'frame_id' stands twice", dataset, file)
+    refused(capsys, 2, "column 'frame_id' appears twice", dataset, file)
 
 
 def test_a_hostile_name_stays_on_its_line(dataset, tmp_path, capsys):

@@ -132,7 +132,5 @@ def test_methods_in_one_report(house: Path, tmp_path: Path) -> None:
 
 def test_a_method_in_two_files(house: Path, tmp_path: Path) -> None:
     files = [house / "good.parquet", house / "bad.parquet"]
-    with pytest.raises(
-        UsageError, match=r"bad\.parquet: has method ml .* frame 0, and so has .*good\.parquet; give each"
-    ):
+    with pytest.raises(UsageError, match=r"bad\.parquet: has method ml .* frame 0, as does .*good\.parquet; give each"):
         validate_dataset(house / "ds", files, tmp_path / "out")

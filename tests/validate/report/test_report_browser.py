@@ -172,9 +172,7 @@ def test_it_prints(report: Path, browser: Any, tmp_path: Path) -> None:
 def test_a_capture_of_the_whole_page_has_every_figure(report: Path, browser: Any) -> None:
     visit = Visit(browser, scripts=True)
     visit.open(report)
-    skipped = (
-        "[...document.querySelectorAll('*')].filter(e => getComputedStyle(e).contentVisibility == 'auto').length"
-    )
+    skipped = "[...document.querySelectorAll('*')].filter(e => getComputedStyle(e).contentVisibility == 'auto').length"
     assert visit.page.evaluate(skipped) == 0
     visit.context.close()
 
