@@ -1,4 +1,4 @@
-"""`roundel doctor`: installed versions, the backend, and what is missing."""
+"""`roundel doctor`: installed versions, the backend, and missing packages."""
 
 from __future__ import annotations
 

@@ -341,7 +341,7 @@ def do_verify(arguments: argparse.Namespace) -> int:
 
 
 def do_doctor(arguments: argparse.Namespace) -> int:
-    """Versions, backend, what is missing."""
+    """Print versions, backend and missing packages."""
     from roundel.cli.doctor import examine
 
     lines, well = examine()

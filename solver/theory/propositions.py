@@ -155,8 +155,9 @@ class PlaneView:
     """A circle in the frame of proposition 3, lengths in units of the camera's distance to q.
 
     q, the intersection of optical axis and plane, is the origin. X is parallel to the principal line L:
-    Y = -1 / cos theta (the printed vector d = [0, 1, cos theta] must be [0, cos theta, 1]); Y is the optical axis projected on the
-    plane; the camera is at (0, -cos theta, sin theta), theta in ]0, 90] degrees. theta is 90 degrees minus `tilt_deg`.
+    Y = -1 / cos theta (the printed vector d = [0, 1, cos theta] must be [0, cos theta, 1]); Y is the optical axis
+    projected on the plane; the camera is at (0, -cos theta, sin theta), theta in ]0, 90] degrees. theta is 90 degrees
+    minus `tilt_deg`.
 
     Attributes
     ----------

@@ -118,7 +118,7 @@ def test_draws_of_few_views(dataset: Dataset, views: list[BoardView], calibratio
     again = several_calibrations(dataset, views, ["calibrated:3"])
     assert again is not None
     assert again.subsets == calibrations.subsets
-    assert spread_in_words(calibrations.subsets)[0].startswith("10 draws of 3 views: residual RMS 0.0")
+    assert spread_in_words(calibrations.subsets)[0].startswith("10 random subsets of 3 views: residual RMS 0.0")
 
 
 def test_nothing_to_calibrate(dataset: Dataset, views: list[BoardView]) -> None:
