@@ -69,7 +69,7 @@ def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         "section V-B, figures of the reprojected points, synthetic and real",
         findings,
         "On the optical axis the bias falls with the square of the distance, off the axis with the distance; the "
-        "error by noise does not fall. Points are reprojected with the same wrong focal length.",
+        "error due to noise does not fall. Points are reprojected with the same wrong focal length.",
         remarks=remarks,
     )
 

@@ -135,7 +135,7 @@ def _position_uncalibrated(name: str, title: str, settings: Sequence[Condition])
             draw_law(axes, distances, means, "noise-free |k - 1| r")
         logarithmic(axes, distances)
 
-    words = "Error of position over distance; dashed: the error by the focal length alone, without noise."
+    words = "Error of position over distance; dashed: the error due to the focal length alone, without noise."
     return panels_of(name, title, settings, [panel], ["position [D]"], words)
 
 

@@ -81,8 +81,8 @@ def _centre_sentence(run: Run, bare: int) -> str:
 
 def _choice_sentence(run: Run) -> str:
     head = (
-        "Two poses explain one image of a circle equally well. All errors here are those of the pose nearer to the "
-        "truth"
+        "Two poses explain one image of a circle equally well. All errors here are those of the better candidate, the "
+        "pose nearer to the truth"
     )
     if not run["branch_chosen"]:
         return f"{head}; none was chosen, because no prior knowledge was given."

@@ -121,7 +121,11 @@ def test_the_same_file_twice(dataset, rows, tmp_path, capsys):
         ),
         (("frame_id,centre_image_x_px", "0,9"), 2, "has no column centre_image_y_px"),
         (("frame_id,centre_image_x_px,centre_image_y_px", "0,9,nan"), 2, "a number of its centre is missing"),
-        (("frame_id,candidate,centre_image_x_px,centre_image_y_px", "0,0,9,9", "0,1,9,9"), 2, "no pose to distinguish them"),
+        (
+            ("frame_id,candidate,centre_image_x_px,centre_image_y_px", "0,0,9,9", "0,1,9,9"),
+            2,
+            "no pose to distinguish them",
+        ),
     ],
 )
 def test_csv_that_cannot_be(dataset, tmp_path, capsys, lines, code, sentence):
