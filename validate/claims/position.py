@@ -132,7 +132,7 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         "With a wrong focal length the position's error grows linearly with the distance.",
         "section V-B, figure of the marker's position",
         findings,
-        "Contrary to the paper, the cause is not less accurate detection: a focal length that is wrong by a factor k moves "
-        "the marker along the ray by |k - 1| r, without any noise and with the same ellipse as if calibrated.",
+        "Contrary to the paper, the cause is not less accurate detection: a focal length that is wrong by a factor k "
+        "moves the marker along the ray by |k - 1| r, without any noise and with the same ellipse as if calibrated.",
         remarks=remarks,
     )
