@@ -8,14 +8,12 @@ import sys
 
 
 def frame_range(text: str) -> range:
-    """Frames `A:B`, from A up to but not with B; a single number is that frame."""
+    """Frames `A:B`, from A to B - 1; a single number is that frame."""
     start, colon, stop = text.partition(":")
     try:
         frames = range(int(start or 0), int(stop) if stop else int(start) + 1 if not colon else sys.maxsize)
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r}: frames are A:B, from A up to but not with B, as in 0:100"
-        ) from None
+        raise argparse.ArgumentTypeError(f"{text!r}: give frames as A:B, from A to B - 1, for example 0:100") from None
     if frames.start < 0 or len(frames) == 0:
         raise argparse.ArgumentTypeError(f"{text!r}: no frames in this range; give A:B with A smaller than B")
     return frames
@@ -46,17 +44,17 @@ def positive(text: str) -> float:
 def views(text: str) -> int:
     """A number of views, in plain digits: it becomes part of a label."""
     if not (text.isascii() and text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(f"{text!r}: give a number of views, as 20")
+        raise argparse.ArgumentTypeError(f"{text!r}: give a number of views, for example 20")
     return int(text)
 
 
 def leave_stdout() -> None:
-    """Write to nowhere from now on: the reader of our output went away (`roundel check | head`); nothing is wrong."""
+    """Discard further output: the reader closed the pipe (`roundel check | head`), which is not an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class _PrintAndExit(argparse.Action):
-    """Prints a text and exits, as --help does: before the other arguments are asked for."""
+    """Prints a text and exits before the other arguments are required, like --help."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
         try:
@@ -73,7 +71,7 @@ class ListMethods(_PrintAndExit):
     """Prints the methods of `solve`."""
 
     def text(self) -> str:
-        """A line a method."""
+        """One line per method."""
         from roundel.solver.methods.registry import method_lines
 
         return "\n".join(method_lines())

@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from roundel.cli.parser import SHELLS
 from roundel.configs.shipped import study_names
 
-# Written here once more, because their modules load numpy or more: a Tab has a tenth of a second.
+# Repeated here because their modules import NumPy and more: completion must take no more than 0.1 s.
 METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
 KINDS = (
     "disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard",
@@ -24,26 +24,26 @@ KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
 _ANY = ("",)
-# No file ends so: folders alone.
+# No file name ends with a slash, so this selects folders only.
 _FOLDERS = ("/",)
 
 
 def script(shell: str) -> str:
-    """The script to load in a shell. It asks `roundel` itself, and so stays right when Roundel is upgraded."""
+    """The script to load in a shell. It calls `roundel`, so it remains valid when Roundel is upgraded."""
     from argcomplete.shell_integration import shellcode
 
     return shellcode(["roundel"], shell=shell)
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Answer the question that a shell put into the environment, and exit."""
+    """Answer the completion request in the environment, and exit."""
     import argcomplete
 
     verbs = next(action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     for verb in verbs.choices.values():
         for action in verb._actions:
             vars(action)["completer"] = _completer(action)
-    # Options once a dash is typed, and not before: a study's name is wanted there.
+    # Options are offered only after a dash, because the first argument is usually a study's name.
     argcomplete.autocomplete(parser, always_complete_options=False)
 
 
@@ -55,7 +55,7 @@ def _completer(action: argparse.Action) -> Callable[..., list[str]]:
 
 
 def _values(dest: str) -> list[str]:
-    """Words that an argument may be, by its name in the parser."""
+    """Possible words of an argument, by its name in the parser."""
     if dest in ("study", "name", "source"):
         return study_names()
     if dest == "method":
@@ -65,7 +65,7 @@ def _values(dest: str) -> list[str]:
 
 
 def _suffixes(action: argparse.Action) -> tuple[str, ...]:
-    """How the files end that an argument may be; nothing if it is no path."""
+    """Suffixes of the files that an argument accepts; empty if it is not a path."""
     if action.dest in ("study", "sensor"):
         return (".yaml", ".yml")
     if action.dest == "inputs":

@@ -8,7 +8,7 @@ from roundel.scenes.study.sampling import cells_of
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges, total_frames
 
-# Two cores: rays in closed form, rays through Mitsuba's integrators, encoding and measuring of a frame (benchmarks/).
+# On two cores: rays in closed form, rays by Mitsuba's integrators, encoding and measuring a frame (benchmarks/).
 _PLAIN_RAYS_A_SECOND = 17e6
 _RAYS_A_SECOND = 4e6
 # Paths in a world, and how many a pixel takes there on average at the default background error.
@@ -16,7 +16,7 @@ _PATHS_A_SECOND = 1.1e6
 _PATHS_A_PIXEL = 16
 _SECONDS_A_FRAME = 0.4
 
-# Rays that a pixel of the band takes on average, pilot included: the pilot itself decides, and is not run here.
+# Average rays per pixel of the edge band, pilot included; the real number depends on the pilot, which is not run here.
 _RAYS_A_BAND_PIXEL = 200
 _PNG_BYTES_A_PIXEL = 0.6
 _EXR_BYTES_A_PIXEL = 4.0
@@ -27,7 +27,7 @@ def _images_of(study: Study) -> dict[str, int]:
 
 
 def disk_bytes(study: Study) -> float:
-    """Bytes on disk, about."""
+    """Approximate bytes on disk."""
     total = 0.0
     for name, count in _images_of(study).items():
         group = study.groups[name]
@@ -40,7 +40,7 @@ def disk_bytes(study: Study) -> float:
 
 
 def _rays(frame: Frame) -> float:
-    """Rays of a frame, about."""
+    """Approximate number of rays of a frame."""
     from roundel.render.rays.sample_allocation import sample_map
 
     plan, render = sample_map(frame), frame.settings.render
@@ -58,7 +58,7 @@ def _rays_a_second(frame: Frame) -> float:
 
 
 def cost_of(study: Study, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    """Lines that tell frames, time and disk; places every frame on the way, so that a bad one is found now."""
+    """Lines with frames, time and disk space; samples every frame, so that invalid ones are found early."""
     lines = []
     seconds = 0.0
     ranges = group_ranges(study)
@@ -74,7 +74,7 @@ def cost_of(study: Study, progress: Callable[[int, int], None] | None = None) ->
         if group.sweep:
             text += f", {len(group.sweep.levels)} levels of {group.sweep.key}"
         if group.mode == "images":
-            # A few frames, evenly taken, stand for all.
+            # A few evenly spaced frames represent all.
             some = sorted({ids[i * (len(ids) - 1) // 4] for i in range(5)})
             frames = [frame_of(study, i) for i in some]
             rays = [_rays(frame) for frame in frames]

@@ -1,4 +1,4 @@
-"""`roundel doctor`: installed versions, the backend, and what is missing."""
+"""`roundel doctor`: installed versions, the backend, and missing packages."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PACKAGES = (
 
 
 def _ximgproc() -> str | None:
-    """What is wrong with OpenCV's extra modules, or None."""
+    """The problem with OpenCV's extra modules, or None."""
     try:
         import cv2
     except ImportError as error:
@@ -40,7 +40,7 @@ def _ximgproc() -> str | None:
 
 
 def _render_one() -> tuple[str, str | None]:
-    """Start the renderer and trace one ray for real: (what was found, what is wrong or None)."""
+    """Start the renderer and run a small computation: (what was found, the problem or None)."""
     from roundel.render.backend import environment, find_llvm, start
     from roundel.scenes.errors import RoundelError
 
@@ -51,7 +51,7 @@ def _render_one() -> tuple[str, str | None]:
         import drjit as dr
 
         total = dr.sum(dr.square(dr.arange(mi.Float, 1000)))
-        # float32 sums of a thousand terms agree to a thousand ulps at the worst.
+        # The error of a float32 sum of a thousand terms is at most a thousand ulps.
         if abs(float(total[0]) / 332_833_500.0 - 1) > 1e-4:
             return found, "the renderer computes wrong sums; reinstall drjit and mitsuba"
         made = environment()
@@ -66,14 +66,14 @@ def _render_one() -> tuple[str, str | None]:
 
 
 def _methods_of_others() -> list[str]:
-    """A line for each method that an installed package adds; none is imported."""
+    """One line per method of an installed plug-in, without importing it."""
     from roundel.solver.methods.registry import installed_methods
 
     return [f"method {m.name} of {m.source}: {m.about}" for m in installed_methods() if m.source != "roundel"]
 
 
 def examine() -> tuple[list[str], bool]:
-    """Lines to print, and whether all is well."""
+    """Lines to print, and whether there are no problems."""
     lines = [
         f"roundel {metadata.version('roundel')}",
         f"Python {platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores",
@@ -84,7 +84,7 @@ def examine() -> tuple[list[str], bool]:
             lines.append(f"{package} {metadata.version(package)}")
         except metadata.PackageNotFoundError:
             if package == "karellen-llvm-core":
-                # Only brought in on Linux x86-64; elsewhere the system's LLVM serves.
+                # A dependency only on Linux x86-64; elsewhere the system's LLVM is used.
                 lines.append(f"{package}: not installed")
             else:
                 problems.append(f"{package} is missing: pip install {package}")
@@ -93,5 +93,5 @@ def examine() -> tuple[list[str], bool]:
         lines.append(found)
     lines += _methods_of_others()
     problems += [wrong for wrong in (_ximgproc(), trouble) if wrong]
-    lines += [f"problem: {p}" for p in problems] or ["all well"]
+    lines += [f"problem: {p}" for p in problems] or ["no problems found"]
     return lines, not problems

@@ -10,7 +10,7 @@ from roundel.scenes.errors import DataError, NotComparableError
 
 
 def compare(arguments: argparse.Namespace) -> int:
-    """Compare a report with a baseline; 1 when it is worse."""
+    """Compare a report with a baseline; returns 1 if the report is worse."""
     from roundel.datasets.layout.files import write_file
     from roundel.validate.gate.baseline import baseline_of_report, read_baseline
     from roundel.validate.gate.gate import gate
@@ -26,7 +26,7 @@ def compare(arguments: argparse.Namespace) -> int:
     try:
         result = gate(baseline_of_report(arguments.report), read_baseline(arguments.baseline))
     except NotComparableError as error:
-        # CI shows what is in its files: a gate that could not compare must not look like one that did not run.
+        # CI shows the contents of these files: a refused comparison must not look like a gate that did not run.
         tell(refused_xml(str(error)), refused_markdown(str(error)))
         raise
     tell(junit_xml(result), markdown(result))

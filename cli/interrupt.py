@@ -1,7 +1,7 @@
 """Deliver KeyboardInterrupt even when the renderer swallows it.
 
-KeyboardInterrupt may be raised inside a plugin that the renderer was calling. It then comes back as an error of the
-renderer, or not at all. So the signal is remembered, and looked for between frames.
+KeyboardInterrupt may be raised inside a plug-in called by the renderer. It then arrives as an error of the renderer, or
+not at all. Therefore the signal is recorded, and checked between frames.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ def _remember(number: int, frame: object) -> None:
 
 
 def watch() -> None:
-    """Remember Ctrl-C from now on; it raises KeyboardInterrupt as always."""
+    """Record Ctrl-C from now on; it still raises KeyboardInterrupt."""
     _seen.clear()
-    # Not where somebody else (a notebook, a test runner) handles it, nor off the main thread, where it cannot be.
+    # Not if other code (a notebook, a test runner) handles the signal, and only in the main thread, as Python requires.
     if (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -29,11 +29,11 @@ def watch() -> None:
 
 
 def was_interrupted() -> bool:
-    """Whether Ctrl-C came since `watch`."""
+    """Whether Ctrl-C was pressed since `watch`."""
     return bool(_seen)
 
 
 def stop_if_interrupted() -> None:
-    """Raise the KeyboardInterrupt that went astray, if there was one."""
+    """Raise the KeyboardInterrupt that the renderer swallowed, if any."""
     if _seen:
         raise KeyboardInterrupt

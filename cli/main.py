@@ -1,4 +1,4 @@
-"""The `roundel` command: arguments in, exit status out. Rooms are imported by the verb that needs them."""
+"""The `roundel` command: arguments in, exit status out. Each verb imports the packages that it needs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from roundel.cli.interrupt import was_interrupted, watch
 
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that knows ASCII alone gets an escape for a degree sign, not an error.
+        # An ASCII-only terminal gets an escape sequence for a degree sign instead of an error.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     watch()
@@ -68,15 +68,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         else:
             print(
                 f"roundel: internal error: {type(error).__name__}: {_one_line(error)}; "
-                "this is a bug, ROUNDEL_DEBUG=1 shows where",
+                "this is a bug; set ROUNDEL_DEBUG=1 for a traceback",
                 file=sys.stderr,
             )
         return 4
 
 
 _AFTER_INTERRUPT = {
-    **dict.fromkeys(("render", "develop", "run"), "; frames that are rendered are kept"),
-    **dict.fromkeys(("solve", "validate", "calibrate", "compare"), "; its results are not written"),
+    **dict.fromkeys(("render", "develop", "run"), "; rendered frames are kept"),
+    **dict.fromkeys(("solve", "validate", "calibrate", "compare"), "; no results are written"),
 }
 
 

@@ -1,4 +1,4 @@
-"""All verbs and their arguments. Nothing but argparse is imported, so that `roundel --help` answers at once."""
+"""All verbs and their arguments. Only argparse is imported, so that `roundel --help` is fast."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXIT_STATUS = (
 )
 SHELLS = ("bash", "zsh", "fish")
 
-# A verb's name and its line of help to its parser.
+# Takes a verb's name and its line of help, returns its parser.
 AddVerb = Callable[[str, str], argparse.ArgumentParser]
 
 _STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
@@ -27,7 +27,8 @@ def build_parser() -> argparse.ArgumentParser:
     """The command's parser, with a parser for each verb."""
     parser = Parser(
         prog="roundel",
-        description="Ray-traced datasets of circular markers, exact truth, single-circle pose, and its validation.",
+        description="Ray-traced datasets of circular markers with exact ground truth, single-circle pose estimation "
+        "and its validation.",
         epilog=EXIT_STATUS,
     )
     parser.add_argument("--version", action="store_true", help="print the version and exit")
@@ -46,7 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _add_studies(add: AddVerb) -> None:
-    check = add("check", "read a study, print it resolved, its frames and its cost")
+    check = add("check", "check a study and print its resolved form, its frames and its cost")
     check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
 
@@ -59,9 +60,9 @@ def _add_studies(add: AddVerb) -> None:
 
 
 def _add_rendering(add: AddVerb) -> None:
-    render = add("render", "render a study to a dataset; resumes by itself")
+    render = add("render", "render a study to a dataset; resumes automatically")
     render.add_argument("study", metavar="STUDY", help=_STUDY)
-    render.add_argument("dataset", metavar="DATASET", help="folder to write to; one that is half rendered is finished")
+    render.add_argument("dataset", metavar="DATASET", help="folder to write to; a partial dataset is completed")
     render.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames")
 
     run = add("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
@@ -69,15 +70,22 @@ def _add_rendering(add: AddVerb) -> None:
     run.add_argument("out", metavar="OUT", help=_OUT)
     for parser in (render, run):
         parser.add_argument(
-            "--jobs", type=count, default=1, metavar="N", help="processes (default 1; one uses all cores)"
+            "--jobs",
+            type=count,
+            default=1,
+            metavar="N",
+            help="number of processes (default 1; one process uses all cores)",
         )
-        parser.add_argument("--threads", type=count, metavar="N", help="threads a process (default: all cores)")
+        parser.add_argument("--threads", type=count, metavar="N", help="threads per process (default: all cores)")
 
-    develop = add("develop", "expose a dataset's radiance anew, for another sensor, without rendering")
+    develop = add("develop", "re-expose a dataset's radiance for another sensor, without rendering")
     develop.add_argument("dataset", metavar="DATASET", help=_DATASET)
     develop.add_argument("out", metavar="OUT", help="folder of the new dataset")
     develop.add_argument(
-        "--sensor", required=True, metavar="FILE", help="YAML: keys of a `sensor:` section, laid over each group's own"
+        "--sensor",
+        required=True,
+        metavar="FILE",
+        help="YAML file with keys of a `sensor:` section, merged over those of each group",
     )
 
     verify = add("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
@@ -90,40 +98,45 @@ def _add_solving(add: AddVerb) -> None:
     solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
     solve.add_argument("out", metavar="OUT", help=_OUT)
     solve.add_argument(
-        "--diameter-m", type=positive, metavar="D", help="outer diameter of the printed circles; photographs need it"
+        "--diameter-m",
+        type=positive,
+        metavar="D",
+        help="outer diameter of the printed circles; required for photographs",
     )
     solve.add_argument(
         "--method",
         action="append",
         metavar="NAME",
-        help="pixels (default), ml, guaranteed, direct, edgedrawing, or one that --list-methods names; may repeat",
+        help="pixels (default), ml, guaranteed, direct, edgedrawing, or a name from --list-methods; repeatable",
     )
     solve.add_argument(
-        "--list-methods", action=ListMethods, nargs=0, help="print all methods, those of installed packages too"
+        "--list-methods", action=ListMethods, nargs=0, help="print all methods, including those of installed packages"
     )
     solve.add_argument(
         "--intrinsics",
         action="append",
         metavar="SPEC",
         help="true, default, default:width, default:crop43, exif, focal:3100+-60 (px), focal35:26+-1 (mm), scaled:0.7, "
-        "calibrated:FILE; may repeat (default: the study's; for photographs exif, else default)",
+        "calibrated:FILE; repeatable (default: the study's; for photographs exif, else default)",
     )
     solve.add_argument(
-        "--linear", action="store_true", help="photographs whose pixels are proportional to light (default: sRGB)"
+        "--linear",
+        action="store_true",
+        help="pixel values of the photographs are proportional to light (default: sRGB)",
     )
     solve.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames of a dataset")
-    solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; may repeat")
+    solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; repeatable")
     solve.add_argument(
         "--knowledge",
         metavar="WORDS",
-        help="what is known of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO; several joined by + (default: none, both poses are equally likely)",
+        help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
+        "circle:RATIO; join several with + (default: none, both poses are equally likely)",
     )
 
     calibrate = add("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")
     calibrate.add_argument("dataset", metavar="DATASET", help=_DATASET)
-    calibrate.add_argument("camera", metavar="CAMERA", help="where the camera file is written")
-    calibrate.add_argument("--group", metavar="GROUP", help="the chessboards (default: the only such group)")
+    calibrate.add_argument("camera", metavar="CAMERA", help="camera file to write")
+    calibrate.add_argument("--group", metavar="GROUP", help="group of chessboards (default: the only such group)")
     calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
 
 
@@ -135,7 +148,10 @@ def _add_scoring(add: AddVerb) -> None:
     )
     validate.add_argument("--out", required=True, metavar="REPORT", help="folder to write the report to")
     validate.add_argument(
-        "--schema", action=EstimatesSchema, nargs=0, help="print what a file of estimates must and may hold"
+        "--schema",
+        action=EstimatesSchema,
+        nargs=0,
+        help="print the required and optional columns of a file of estimates",
     )
     validate.add_argument(
         "--extent-D", type=positive, metavar="D", help="half side of the reprojection grid (default: the study's)"
@@ -144,7 +160,7 @@ def _add_scoring(add: AddVerb) -> None:
         "--camera", metavar="FILE", help="calibrated camera, for the pose of a chessboard beside the marker"
     )
 
-    compare = add("compare", "write one page over several reports, paired by frame where they are of one dataset")
+    compare = add("compare", "write one page over several reports, paired by frame if they share a dataset")
     compare.add_argument(
         "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
     )
@@ -155,36 +171,41 @@ def _add_gate(add: AddVerb) -> None:
     gate = add("gate", "compare a report with a baseline; exits with status 1 if it is worse")
     gate.add_argument("report", metavar="REPORT", help=_REPORT)
     gate.add_argument("--baseline", required=True, metavar="FILE", help="the baseline, from `roundel baseline accept`")
-    gate.add_argument("--junit", metavar="FILE", help="write the checks as JUnit XML, too")
+    gate.add_argument("--junit", metavar="FILE", help="also write the checks as JUnit XML")
 
-    baseline = add("baseline", "accept the scores of a report as the baseline of later ones")
+    baseline = add("baseline", "accept the scores of a report as the baseline for later reports")
     baseline.add_argument("action", choices=("accept",), help="accept: write the baseline")
     baseline.add_argument("report", metavar="REPORT", help=_REPORT)
-    baseline.add_argument("--baseline", required=True, metavar="FILE", help="where to write it; an older one goes")
-    baseline.add_argument("--reason", required=True, metavar="TEXT", help="why these scores are right; kept in it")
+    baseline.add_argument("--baseline", required=True, metavar="FILE", help="file to write; replaces an older baseline")
+    baseline.add_argument(
+        "--reason", required=True, metavar="TEXT", help="why these scores are right; stored in the baseline"
+    )
 
 
 def _add_tools(add: AddVerb) -> None:
-    marker = add("marker", "write a marker to print, to scale, with a ruler that checks the printer")
+    marker = add("marker", "write a marker for printing, to scale, with a ruler to check the printer")
     marker.add_argument(
         "kind",
         metavar="KIND",
         help="disc, disc_with_tick, ring, rings, coded_rings, two_discs, dot_ring, disc_with_chessboard, chessboard, "
         "charuco, tags",
     )
-    marker.add_argument("out", metavar="OUT", help="file to write; ends in .pdf or .svg")
-    marker.add_argument("--diameter-m", type=positive, metavar="D", help="of the circle (default 0.08)")
+    marker.add_argument("out", metavar="OUT", help="file to write, .pdf or .svg")
+    marker.add_argument("--diameter-m", type=positive, metavar="D", help="diameter of the circle (default 0.08)")
     marker.add_argument("--paper", default="a4", metavar="NAME", help="a5, a4 (default), a3, letter, legal, tabloid")
     marker.add_argument(
-        "--set", action="append", metavar="KEY=VALUE", help="a key of the marker's section, as inner_diameter_m=0.05"
+        "--set",
+        action="append",
+        metavar="KEY=VALUE",
+        help="a key of the marker's section, for example inner_diameter_m=0.05",
     )
 
-    add("doctor", "print versions and the renderer's backend, what is missing, and its remedy")
+    add("doctor", "print versions, the renderer's backend, and problems with their solutions")
 
-    completion = add("completion", "print the script that completes this command in a shell")
+    completion = add("completion", "print the shell completion script")
     completion.add_argument(
         "shell",
         choices=SHELLS,
         metavar="SHELL",
-        help='bash, zsh or fish; load it by `eval "$(roundel completion bash)"`, or `roundel completion fish | source`',
+        help='bash, zsh or fish; load it with `eval "$(roundel completion bash)"` or `roundel completion fish|source`',
     )

@@ -19,32 +19,34 @@ def are_photographs(inputs: list[str]) -> bool:
     Raises
     ------
     UsageError
-        If they are of both kinds, several datasets, or a folder of photographs.
+        If they mix datasets and photographs, or are several datasets or a folder of photographs.
     """
     folders = [text for text in inputs if Path(text).is_dir()]
     if folders and len(inputs) > 1:
-        raise UsageError(f"{folders[0]}: it is a folder; give one dataset alone, or name the photographs in it")
+        raise UsageError(f"{folders[0]}: is a folder; give a single dataset, or the photographs in it by name")
     if folders and not (Path(folders[0]) / "manifest.json").exists():
         image = next((p for p in sorted(Path(folders[0]).iterdir()) if p.suffix.lower() in _SUFFIXES), None)
         if image is not None:
-            raise UsageError(f"{folders[0]}: no dataset, but a folder with images; name them, as {image}")
-    # A name that is not there: with an ending it was meant for a file.
+            raise UsageError(
+                f"{folders[0]}: not a dataset but a folder of images; give the images by name, for example {image}"
+            )
+    # A name that does not exist is taken as a file if it has a suffix.
     return not folders and (len(inputs) > 1 or Path(inputs[0]).is_file() or bool(Path(inputs[0]).suffix))
 
 
 def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
-    """Estimate poses from photographs; 4 if one of them could not be solved."""
+    """Estimate poses from photographs; returns 4 if one of them failed."""
     from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
     from roundel.solver.photos.photo_report import line_of
     from roundel.solver.photos.photographs import solve_photographs
 
     out = Path(arguments.out)
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out}: it is a file; the last argument is the folder to write to")
+        raise UsageError(f"{out}: is a file; the last argument is the folder to write to")
     if arguments.group:
         raise UsageError("--group: photographs have no groups")
     if arguments.diameter_m is None:
-        raise UsageError("photographs need --diameter-m, the outer diameter of the printed circle, as in 0.08")
+        raise UsageError("photographs need --diameter-m, the outer diameter of the printed circle, for example 0.08")
     with progress("solve") as show:
         results = solve_photographs(
             arguments.inputs,
@@ -65,7 +67,7 @@ def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
             print(line_of(result))
     found = sum(result.found for result in results)
     counts = f"{_some(len(results), 'photograph')}, {_some(found, 'circle')}, {failed} failed"
-    print(f"{out}: {counts}; look at overlays/, estimates.json has the numbers")
+    print(f"{out}: {counts}; see overlays/ for the images and estimates.json for the numbers")
     return 4 if failed else 0
 
 

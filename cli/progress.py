@@ -14,7 +14,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Show(Protocol):
-    """Shows that `done` of `total` frames are done; `step` is what is done first, under a name of its own."""
+    """Shows that `done` of `total` frames are done; `step` names a preliminary step that is counted separately."""
 
     def __call__(self, done: int, total: int, *, step: str | None = None) -> None:
         """Show it."""
@@ -22,9 +22,9 @@ class Show(Protocol):
 
 @contextmanager
 def progress(what: str) -> Iterator[Show]:
-    """A callable `(done, total)` that shows how far `what` is.
+    """A callable `(done, total)` that shows the progress of `what`.
 
-    A step is not worth a line when it is done; `what` is.
+    The end of `what` is always printed, the end of a step is not.
     """
     if sys.stderr.isatty():
         from rich.console import Console
@@ -37,7 +37,7 @@ def progress(what: str) -> Iterator[Show]:
             def update(done: int, total: int, *, step: str | None = None) -> None:
                 stop_if_interrupted()
                 name = step or what
-                # No bar before there is something to count: some verbs find nothing to do.
+                # The bar appears only when there is something to count; some verbs find nothing to do.
                 if name not in tasks:
                     tasks[name] = bar.add_task(name, total=total)
                 bar.update(tasks[name], completed=done, total=total, visible=step is None or done < total)

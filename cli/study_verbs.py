@@ -23,12 +23,12 @@ def find_study(given: str) -> Path:
     if given in study_names():
         return study_path(given)
     if path.suffix or len(path.parts) != 1 or path.exists():
-        return path  # a path: the reader says what is wrong with it
+        return path  # a path: reading it reports the error
     raise _unknown(given)
 
 
 def _unknown(name: str) -> UsageError:
-    hint = did_you_mean(name, study_names()) or "`roundel studies` lists the shipped ones"
+    hint = did_you_mean(name, study_names()) or "`roundel studies` lists the shipped studies"
     return UsageError(f"{name}: no such file, and no shipped study has this name; {hint}")
 
 
@@ -47,7 +47,7 @@ def list_studies(arguments: argparse.Namespace) -> int:
 
 
 def init_study(arguments: argparse.Namespace) -> int:
-    """Write a commented study to start from; never over a file that is there."""
+    """Write a commented study to start from; an existing file is never overwritten."""
     if arguments.source is not None and arguments.source not in study_names():
         raise _unknown(arguments.source)
     source = arguments.source
@@ -57,7 +57,7 @@ def init_study(arguments: argparse.Namespace) -> int:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise UsageError(f"{path}: is there already; name another file") from None
+        raise UsageError(f"{path}: already exists; give another file") from None
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from error
     print(f"{path}: written; next: roundel check {path}, then roundel run {path} OUT")

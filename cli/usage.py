@@ -1,4 +1,4 @@
-"""The argument parser's class: a wrong argument is one line on stderr, with what was probably meant."""
+"""The argument parser's class: a wrong argument gives one line on stderr, with a suggestion."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Parser(argparse.ArgumentParser):
     _given: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse as argparse does; an argument that this parser does not know is its own error.
+        """Parse as argparse does, but report unknown arguments here.
 
-        argparse passes it up to the parser of the whole command, which does not know the verb's options.
+        argparse passes them to the parser of the whole command, which does not know the verb's options.
         """
         self._given = list(sys.argv[1:] if args is None else args)
         parsed, unknown = super().parse_known_args(args, namespace)
@@ -30,13 +30,13 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line on stderr and exit with status 2."""
-        # First the unknown option: argparse names only the required one that it was meant to be.
+        # An unknown option takes precedence: argparse would only report the missing required option.
         text = next(filter(None, map(self._unknown_option, self._own_words())), message)
         where = "" if text.endswith("?") else f"; see `{self.prog} --help`"
         self.exit(_USAGE_STATUS, f"{self.prog}: {text}{where}\n")
 
     def _own_words(self) -> Sequence[str]:
-        """The words that this parser reads: of the whole command, those before the verb."""
+        """The words that this parser reads; for the whole command, those before the verb."""
         words = list(self._given)
         ends = (i for i, word in enumerate(words) if word == "--" or (self._subparsers and not word.startswith("-")))
         return words[: next(ends, len(words))]
@@ -44,7 +44,7 @@ class Parser(argparse.ArgumentParser):
     def _unknown_option(self, word: str) -> str | None:
         name = word.partition("=")[0]
         known = self._option_string_actions
-        # A negative number is a value, and argparse takes abbreviations.
+        # A negative number is a value, and argparse accepts abbreviations.
         if not name.startswith("-") or not name.strip("-")[:1].isalpha() or any(o.startswith(name) for o in known):
             return None
         return f"unknown option {name}" + _suggestion(f"--{name.lstrip('-')}", known)

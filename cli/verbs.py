@@ -1,4 +1,4 @@
-"""The verbs: each a few lines that call the packages."""
+"""The verbs: each is a few lines that call the packages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from roundel.scenes.errors import DataError, UsageError
 
 
 def do_check(arguments: argparse.Namespace) -> int:
-    """Read a study, place every frame, print it resolved."""
+    """Read a study, sample every frame, print it resolved."""
     if arguments.schema:
         from roundel.scenes.study.schema import json_schema
 
         print(json.dumps(json_schema(), indent=2))
         return 0
     if arguments.study is None:
-        raise UsageError("check: name a STUDY, or ask for --schema")
+        raise UsageError("check: give a STUDY or --schema")
     from roundel.cli.cost import cost_of
     from roundel.datasets.finish import study_bytes
 
@@ -39,7 +39,7 @@ def do_check(arguments: argparse.Namespace) -> int:
 
 
 def _study(path: str) -> Any:
-    """A study whose methods and intrinsics are known, too: better now than after an hour of rendering."""
+    """Load a study and check its methods and intrinsics before the rendering starts."""
     from roundel.scenes.study.study import load_study
     from roundel.solver.ambiguity.parse_prior import parse_knowledge
     from roundel.solver.intrinsics.specification import parse_intrinsics
@@ -60,7 +60,7 @@ def _study(path: str) -> Any:
 
 
 def _is_of_study(label: str) -> bool:
-    """Whether intrinsics are calibrated from the study's own chessboards, and no camera file yet."""
+    """Whether intrinsics are calibrated from the study's own chessboards instead of read from a camera file."""
     return label == "calibrated" or IntrinsicsLabel.of(label).views is not None
 
 
@@ -93,7 +93,7 @@ def do_render(arguments: argparse.Namespace) -> int:
     dataset = _rendered(study, out, arguments, arguments.frames)
     _warn_of_flags(out if dataset is None else dataset)
     if dataset is None:
-        print(f"{out}: frames are still missing; run `roundel render` without --frames to finish")
+        print(f"{out}: some frames are missing; run `roundel render` without --frames to complete the dataset")
     else:
         print(f"{out}: {len(dataset)} frames, dataset_id {dataset.manifest['dataset_id'][:12]}")
         _print_fidelity(dataset.manifest)
@@ -116,7 +116,7 @@ def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: 
 
 
 def do_develop(arguments: argparse.Namespace) -> int:
-    """Develop a dataset's radiance with another sensor."""
+    """Develop (re-expose) a dataset's radiance with another sensor."""
     from roundel.render.redevelop import develop_dataset
 
     with progress("develop") as show:
@@ -128,7 +128,7 @@ def do_develop(arguments: argparse.Namespace) -> int:
 
 
 def _warn_of_flags(dataset: Any) -> None:
-    """One line on stderr if frames of a dataset, or of one half finished (its path), are flagged."""
+    """One line on stderr if frames of a dataset, or of an incomplete one (given by its path), are flagged."""
     from roundel.datasets.flags import flags_of_rows, warning_of
     from roundel.datasets.layout import journal
 
@@ -155,13 +155,13 @@ def do_solve(arguments: argparse.Namespace) -> int:
         return solve_photos(arguments, _knowledge(arguments.knowledge))
     if arguments.diameter_m is not None or arguments.linear:
         option = "--linear" if arguments.linear else "--diameter-m"
-        raise UsageError(f"{option}: a dataset knows its markers and its sensor; leave it out")
+        raise UsageError(f"{option}: a dataset defines its own markers and sensor; leave it out")
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest
     from roundel.solver.methods.solve import solve_dataset
 
     dataset = Path(arguments.inputs[0])
-    # Opened first: a folder that is no dataset has a clearer sentence to say than its missing study.
+    # Opened first: for a folder that is not a dataset, this error is clearer than that of the missing study.
     groups = sorted(set(open_images(dataset).groups))
     wanted = read_manifest(dataset)["study"].get("solve", {})
     chosen = arguments.group or wanted.get("groups")
@@ -326,22 +326,22 @@ def do_verify(arguments: argparse.Namespace) -> int:
 
     path = Path(arguments.dataset)
     if not path.is_dir():
-        what = "it is a file, and a dataset is a folder" if path.exists() else "there is no such folder"
+        what = "it is a file, but a dataset is a folder" if path.exists() else "there is no such folder"
         raise DataError(f"{path}: not a dataset: {what}")
     manifest = read_manifest(path)
     findings = verify_dataset(path, full=arguments.full)
     if findings:
         for finding in findings[:20]:
             print(finding)
-        raise DataError(f"{path}: {len(findings)} of its files are wrong")
-    depth = "every checksum agrees" if arguments.full else "sizes agree; --full compares checksums"
+        raise DataError(f"{path}: the dataset is damaged; problems found: {len(findings)}")
+    depth = "all checksums match" if arguments.full else "sizes match; --full compares checksums"
     print(f"{path}: {len(manifest['files'])} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
     _print_fidelity(manifest)
     return 0
 
 
 def do_doctor(arguments: argparse.Namespace) -> int:
-    """Versions, backend, what is missing."""
+    """Print versions, backend and missing packages."""
     from roundel.cli.doctor import examine
 
     lines, well = examine()

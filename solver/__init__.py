@@ -1,1 +1,1 @@
-"""Images to poses, blind to the truth."""
+"""Images to poses, without access to the truth."""

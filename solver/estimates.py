@@ -1,6 +1,6 @@
 """Estimates as records: one detection in memory, one row for each candidate in `estimates.parquet`.
 
-The validator imports this module, so it knows no other of the solver's.
+The validator imports this module, so it imports no other module of the solver.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from roundel.scenes.geometry.conic import Ellipse
 Array = NDArray[np.float64]
 
 ESTIMATES = "estimates.parquet"
-METADATA = b"roundel_estimates"  # what the file says of itself: {schema, dataset_id}
+METADATA = b"roundel_estimates"  # the file's metadata: {schema, dataset_id}
 NOT_FOUND = -1  # the detection_id of a frame in which nothing was found
 
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -61,7 +61,7 @@ SCHEMA = pa.schema(
 
 
 class EstimateKey(NamedTuple):
-    """What tells one estimate from another; the first fields of `Estimate`."""
+    """The identity of an estimate; the first fields of `Estimate`."""
 
     frame_id: int
     detection_id: int
@@ -71,7 +71,7 @@ class EstimateKey(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What one method with one kind of intrinsics makes of one detection.
+    """The result of one method with one kind of intrinsics for one detection.
 
     Attributes
     ----------
@@ -79,30 +79,30 @@ class Estimate:
         `detection_id` is -1 if nothing was found in the frame.
     method, intrinsics : str
     status : str
-        `ok` or `failed`; then `reason` says why, and what is unknown is None.
+        `ok` or `failed`; if failed, `reason` gives the cause, and unknown fields are None.
     ellipse : Ellipse or None
         In undistorted pixel coordinates of `camera`.
     camera : Camera or None
         The intrinsics that were used.
     normal, centre_m : (2, 3) array or None
-        Both candidates, in the order of `CirclePoses`; (1, 3) of a method that gives one; None of one that gives none.
+        Both candidates, in the order of `CirclePoses`; (1, 3) from a method that gives one, None if it gives none.
     centre_image : (2,) array or None
-        Image of the circle's centre in the delivered image, of a method that says where it is.
+        Image of the circle's centre in the delivered image, if the method gives it.
     probability : tuple of two floats, or None
     chosen : int or None
-        The chosen candidate; None where nothing is known to choose by.
+        The chosen candidate; None without prior knowledge.
     edge_points : int or None
     edge_sigma_px : float or None
         RMS of the fit's residual along the normal.
     blur_px, contrast_dn : float or None
-        Gaussian sigma of the edge's blur without the pixel's own aperture, and the step outside minus inside; of an
-        estimate made from an image.
+        Gaussian sigma of the edge's blur excluding the pixel's aperture, and the step outside minus inside; only for
+        estimates from an image.
     confidence : float or None
-        That this is the image of a circle at all, 0 to 1; see `solver.detect`.
+        Confidence that this is the image of a circle, 0 to 1; see `solver.detect`.
     focal_sigma : float or None
-        Standard deviation of the assumed focal length, as a fraction of it; it is in `cov`.
+        Standard deviation of the assumed focal length, as a fraction of it; included in `cov`.
     intrinsics_basis, choice_basis : str
-        What the camera rests on, and what the probabilities rest on, in words.
+        The basis of the camera and of the probabilities, as text.
     cov : (2, 6, 6) array or None
         Covariance of (centre x, y, z in m, normal x, y, z) of each candidate; rank 5.
     """
@@ -134,7 +134,7 @@ class Estimate:
         return self.status == "ok"
 
     def rows(self) -> list[dict[str, Any]]:
-        """Rows of `estimates.parquet`: one for each candidate, one for a failure or where there is no pose."""
+        """Rows of `estimates.parquet`: one per candidate; one for a failure or an estimate without a pose."""
         count = len(self.normal) if self and self.normal is not None else 1
         return [self._row(candidate) for candidate in range(count)]
 
@@ -176,14 +176,14 @@ class Estimate:
 
 
 def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id: str | None = None) -> None:
-    """Write estimates as Parquet, whole or not at all.
+    """Write estimates as Parquet, atomically.
 
     Parameters
     ----------
     estimates : iterable of Estimate
     path : path
     dataset_id : str, optional
-        Of the dataset that they are of; kept in the file, so that they are scored against no other.
+        Identity of their dataset; stored in the file, so that they are scored only against that dataset.
 
     Raises
     ------

@@ -1,8 +1,7 @@
 """`roundel validate`: estimates against the truth, to scores.parquet, summary.json, report.html and its
 figures and tables as files.
 
-The same dataset and estimates give the same bytes, whenever and wherever they are scored: no file holds a time or a
-path.
+The same dataset and estimates give the same bytes at any time and place, because no file contains a time or a path.
 """
 
 from __future__ import annotations
@@ -71,25 +70,25 @@ def validate_dataset(
     ----------
     dataset_path : path
     estimates_paths : sequence of path
-        Files, or folders that hold an `estimates.parquet`.
+        Files, or folders with an `estimates.parquet`.
     out_path : path
-        The report's folder; each of its files is written whole or not at all.
+        The report's folder; each of its files is written atomically.
     extent_D : float
-        Half the side of the reprojection error's grid, in marker diameters.
+        Half side of the reprojection error's grid, in marker diameters.
     camera_path : path, optional
-        A camera file for the chessboard's pose; each frame's true camera without one.
+        A camera file for the chessboard's pose; default: each frame's true camera.
     progress : callable, optional
-        Called with (chessboards looked at, chessboards in all).
+        Called with (chessboards searched, total chessboards).
 
     Returns
     -------
     Summary
-        What summary.json holds.
+        The contents of summary.json.
 
     Raises
     ------
     UsageError
-        If a file does not exist, `extent_D` is no positive number, or `out_path` is a file or a dataset.
+        If a file does not exist, `extent_D` is not positive, or `out_path` is a file or a dataset.
     DataError
         If the dataset or an estimate is corrupt.
     NotComparableError
@@ -139,7 +138,7 @@ def validate_dataset(
 
 @dataclass(frozen=True)
 class _Calibrations:
-    """OpenCV's calibration from all views of the study's group, and those from the numbers of views it asks for."""
+    """OpenCV's calibrations from all views of the study's group, and from the numbers of views in the study."""
 
     whole: dict[str, Any] | None
     several: Calibrations | None
@@ -149,15 +148,15 @@ def _check_arguments(out: Path, extent_D: float) -> None:
     if not 0 < extent_D < float("inf"):
         raise UsageError(f"the extent of the reprojection grid must be a positive number of diameters, not {extent_D}")
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out}: is a file; name a folder for the report")
+        raise UsageError(f"{out}: is a file; give a folder for the report")
     check_no_dataset(out)
 
 
 def _reference(
     dataset: Dataset, views: list[BoardView], targets: Targets, camera_path: str | Path | None, label: str
 ) -> Reference | None:
-    """The poses of the chessboards, as a second reference; None without boards."""
-    # Read even where no board needs it: a file that is not there is an error all the same.
+    """The poses of the chessboards as a second reference; None without boards."""
+    # Read even if no board needs it, because a missing file is always an error.
     camera = None if camera_path is None else read_camera(camera_path)
     if not views:
         return None
@@ -165,7 +164,7 @@ def _reference(
 
 
 def _scored(dataset: Dataset, targets: Targets, runs: list[Run], reference: Reference | None) -> Scores:
-    """Scores against the truth and the chessboards, and of the chessboards' own poses."""
+    """Scores against the truth and against the chessboards, and scores of the chessboards' own poses."""
     scores = score(dataset, targets, runs, reference.circles if reference else None)
     if reference is None or not reference.rows.num_rows:
         return scores
@@ -203,7 +202,7 @@ def _pictures(
 
 
 def _compared(scores: Scores, summary: Summary) -> list[Table]:
-    """Tables of the methods against the one that the report leads with."""
+    """Tables that compare the methods with that of the main run."""
     return pair_tables(method_pairs(runs_to_compare(scores.table, summary.runs), main_run(summary)["method"]))
 
 
@@ -214,7 +213,7 @@ def _parquet(table: pa.Table) -> bytes:
 
 
 def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[str, str]:
-    """sha256 of the scores, of what they were made from, and of all images together."""
+    """sha256 of the scores, of their inputs, and of all images together."""
     return {
         SCORES: sha256(scores),
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
@@ -224,7 +223,7 @@ def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[s
 
 
 def _digest_of_images(dataset: Dataset) -> str:
-    """One checksum over those of all images, or of the points: whether two reports saw the same pixels."""
+    """One checksum over those of all images, or of the points; equal for reports of the same pixels."""
     files = dataset.manifest["files"]
     seen = [f"{name} {files[name]['sha256']}" for name in sorted(files) if name.startswith("images/") or name == POINTS]
     return sha256("\n".join(seen).encode())
@@ -238,14 +237,14 @@ def _digest(file: Path) -> str:
 
 
 def _calibration_views(dataset: Dataset, views: list[BoardView]) -> list[BoardView]:
-    """Those of the group that the study calibrates from."""
+    """The views of the study's calibration group."""
     asked = (dataset.study.get("solve") or {}).get("calibrate_from")
     group = calibration_group(dataset.images, asked) if views else None
     return [view for view in views if view.group == group]
 
 
 def _calibration(dataset: Dataset, views: list[BoardView]) -> dict[str, Any] | None:
-    """The calibration that these views give, beside the truth; None where the study has no views for one."""
+    """The calibration from these views, compared with the truth; None if the study has no views for it."""
     if not views:
         return None
     try:

@@ -1,8 +1,8 @@
 """A concentric circle (centre dot, inner edge of a ring) as a cue for the choice between both poses.
 
-The two poses put the image of the marker's centre on opposite sides of the outer ellipse's centre, a^2 sin(2 tilt) /
-(2 f) px from it, and any concentric circle's ellipse a little less far. Only where the circle is says which pose it is,
-so its centre alone is measured: its size tells nothing and need not be known well.
+The two poses predict the image of the marker's centre on opposite sides of the outer ellipse's centre, at a distance of
+a^2 sin(2 tilt) / (2 f) px; the ellipse of a concentric circle is displaced slightly less. Only the circle's position
+distinguishes the poses, so only its centre is measured: its size carries no information and may be known roughly.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from roundel.solver.fit.ellipse_distance import foot_points
 
 Array = NDArray[np.float64]
 
-# What is left of a centre's error when there is no noise: edges between pixels, ink that spreads unevenly.
+# Error of a centre without noise: edges between pixels, ink that spreads unevenly.
 _FLOOR_PX = 0.01
-_REACH_PX = 3.0  # of the band beside the circle's edge, beyond its blur
+_REACH_PX = 3.0  # width of the band beside the circle's edge, in addition to its blur
 _ROUNDS = 12
 
 
@@ -36,11 +36,11 @@ class ConcentricCircle:
     Attributes
     ----------
     ratio : float
-        Its diameter as a fraction of the marker's outer one.
+        Its diameter as a fraction of the marker's outer diameter.
     next_ratio : float
-        The same of the next larger printed circle; 1 if that is the marker's own.
+        Relative diameter of the next larger printed circle; 1 if that is the outer circle.
     hollow : bool
-        Whether something is printed inside it, other than one even shade.
+        Whether its interior is anything but one uniform shade.
     """
 
     ratio: float
@@ -48,7 +48,7 @@ class ConcentricCircle:
     hollow: bool = False
 
     def problem(self) -> str:
-        """What is wrong with it; empty if nothing is."""
+        """What is invalid about it; empty if it is valid."""
         if 0 < self.ratio < self.next_ratio <= 1:
             return ""
         return (
@@ -60,7 +60,7 @@ class ConcentricCircle:
         name = f"concentric circle of {self.ratio:g} diameters"
         cone = viewing_cone(observation)
         if cone is None or observation.image is None or observation.uncertain_camera is None:
-            return Verdict(0.0, f"{name}: not looked for, there is no image, ellipse or camera")
+            return Verdict(0.0, f"{name}: not evaluated, because there is no image, ellipse or camera")
         centre, spread = concentric_image(cone.cone[:, None], cone.normal, cone.K[:, None], self.ratio)
         starts = [_ellipse(centre[0, i], spread[0, i]) for i in range(2)]
         gap = (self.next_ratio / self.ratio - 1.0) * float(starts[0][3])
@@ -68,7 +68,7 @@ class ConcentricCircle:
         outside = min(_REACH_PX + 2.0 * observation.blur_px, 0.6 * gap)
         inside = 0.5 * float(starts[0][3]) if self.hollow else math.inf
         if outside < 1.0:
-            return Verdict(0.0, f"{name}: too close to the next one to be told from it")
+            return Verdict(0.0, f"{name}: too close to the next circle to be resolved")
         camera = observation.uncertain_camera.camera
         fits = [fit_centre(observation.image, camera, e, inside, outside, observation.blur_px) for e in starts]
         found = [fit for fit in fits if not isinstance(fit, FailedFit)]
@@ -76,7 +76,7 @@ class ConcentricCircle:
             return Verdict(0.0, f"{name}: not measured, {fits[0].reason if isinstance(fits[0], FailedFit) else ''}")
         best = min(found, key=lambda fit: fit.rms)
         log, far = [], []
-        # A circle that is not this marker's may be anywhere about where it is looked for.
+        # A circle of another object may be anywhere in the search region.
         anywhere = -math.log(math.pi * (apart + outside) ** 2)
         for i in range(2):
             g = cone.spread(centre[:, i])
@@ -88,12 +88,12 @@ class ConcentricCircle:
         basis = f"{name}: its centre is {math.sqrt(far[0]):.1f} and {math.sqrt(far[1]):.1f} sigma from both predictions"
         if min(far) > MISFIT:
             basis += ", it fits neither"
-        return Verdict(log[0] - log[1], f"{basis}, which lie {apart:.2g} px apart")
+        return Verdict(log[0] - log[1], f"{basis}, which are {apart:.2g} px apart")
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCentre:
-    """Centre of a small ellipse in undistorted pixels, its covariance (2, 2), and the RMS of what the fit leaves."""
+    """Centre of a small ellipse in undistorted pixels, its covariance (2, 2), and the RMS residual of the fit."""
 
     centre_px: Array
     cov: Array
@@ -103,19 +103,19 @@ class MeasuredCentre:
 def fit_centre(
     image: NDArray[Any], camera: Camera, ellipse: Array, inside_px: float, outside_px: float, blur_px: float
 ) -> MeasuredCentre | FailedFit:
-    """Where a filled ellipse of known shape lies: place, scale, two grey levels and a slope of the light are fitted.
+    """Locate a filled ellipse of known shape: fit position, scale, two grey levels and a gradient of the light.
 
-    The model is symmetric about the centre, and so is the image of a dot under any symmetric blur: a wrong blur or size
-    then widens the residual and does not shift the centre.
+    The model is symmetric about the centre, as is the image of a dot under any symmetric blur. A wrong blur or size
+    therefore increases the residual but does not shift the centre.
 
     Parameters
     ----------
     image : (H, W) array
     camera : Camera
     ellipse : (5,) array
-        Where it is looked for, undistorted pixels.
+        Predicted ellipse, undistorted pixels.
     inside_px, outside_px : float
-        How far the pixels that count lie from its edge.
+        Largest distances of the used pixels from its edge.
     blur_px : float
 
     Returns
@@ -142,7 +142,7 @@ def fit_centre(
         levels = np.linalg.lstsq(np.stack([1.0 - t, t], axis=1), value, rcond=None)[0]
         plain = levels[0] * (1.0 - t) + levels[1] * t
         height = float(levels[1] - levels[0])
-        # The foot point moves with the centre, and outward with the scale; the step's place z falls by as much.
+        # The foot point moves with the centre, and outward with the scale; the distance z decreases by as much.
         lean = -height * slope
         reach = np.sum(normal * (place - distance[:, None] * normal), axis=1)
         columns = np.stack(
@@ -173,23 +173,23 @@ def fit_centre(
     noise2 = max(float(left @ left) / max(len(left) - columns.shape[1], 1), 1e-12)
     inverse = np.linalg.inv((columns / size).T @ (columns / size))[:2, :2] / np.outer(size[:2], size[:2])
     if abs(height) < 4.0 * math.sqrt(noise2 / len(left)) or abs(height) < 2.0 * math.sqrt(noise2):
-        return FailedFit("it does not stand out from the noise")
+        return FailedFit("its contrast is below the noise")
     return MeasuredCentre(current[:2].copy(), noise2 * inverse, math.sqrt(noise2))
 
 
 def _pixels_near(
     image: NDArray[Any], camera: Camera, ellipse: Array, margin_px: float
 ) -> tuple[Array, Array] | FailedFit:
-    """Undistorted places (N, 2) and grey levels (N,) of the pixels in a box around an ellipse."""
+    """Undistorted positions (N, 2) and grey levels (N,) of the pixels in a box around an ellipse."""
     height, width = image.shape
     middle = distort_px(camera, ellipse[:2])
     if not np.all(np.isfinite(middle)):
-        return FailedFit("it lies outside the field of the camera's lens model")
+        return FailedFit("it is outside the field of the camera's lens model")
     half = float(ellipse[2]) * (1.3 if distorts(camera) else 1.0) + margin_px
     low = np.floor(middle - half).astype(np.int64)
     high = np.ceil(middle + half).astype(np.int64) + 1
     if np.any(low < 0) or high[0] > width or high[1] > height:
-        return FailedFit("it reaches beyond the image")
+        return FailedFit("it extends beyond the image")
     rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
     places = undistort_px(camera, np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64))
     seen = np.isfinite(places).all(axis=1)

@@ -1,7 +1,7 @@
 """The choice between both poses, from prior knowledge and cues.
 
 Both candidates reproduce the image of the circle exactly, so the image holds no information about the choice (errata,
-section 3). Knowledge is declared by the user, each piece of it contributes odds, and without any nothing is chosen.
+section 3). The user declares prior knowledge, each piece of which contributes odds; without it nothing is chosen.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Array = NDArray[np.float64]
 
 KNOWLEDGE = ("same_side", "opposite_side")
 
-# One piece of knowledge, or several; a word stands for a `SideRule`.
+# One piece of prior knowledge, or several; a string is the name of a `SideRule`.
 Knowledge = str | Evidence | Sequence[str | Evidence] | None
 
-_SURE = math.log(19.0)  # 95 %: pieces that are this sure of different candidates contradict each other
+_SURE = math.log(19.0)  # 95 %: pieces that favour different candidates with this certainty contradict each other
 _TIED = 1e-9
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Probability of each candidate, the index of the chosen one, if any, and what both rest on, in words."""
+    """Probability of each candidate, the index of the chosen one, if any, and the basis of both as text."""
 
     probability: tuple[float, float]
     chosen: int | None
@@ -41,34 +41,34 @@ class Choice:
 
 
 def check_knowledge(knowledge: Knowledge) -> None:
-    """Refuse what is not knowledge.
+    """Check prior knowledge.
 
     Raises
     ------
     UsageError
-        If a word is unknown, or a piece of knowledge cannot be right in itself (a normal that is zero).
+        If a name is unknown, or a piece is invalid (for example, a zero normal).
     """
     _pieces(knowledge)
 
 
 def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Choice:
-    """Choose between both candidates by declared knowledge.
+    """Choose between both candidates by prior knowledge.
 
     - None: probabilities 0.5, nothing is chosen.
-    - `same_side`, `opposite_side`: the paper's condition, see `SideRule`. Given normals alone it is taken as certain.
-    - `NormalPrior`, `GreatCirclePrior` (a floor, a wall, the frame before): see there.
-    - `ConcentricCircle`, `Pattern`: marks on the print, measured in the image.
+    - `same_side`, `opposite_side`: the paper's condition, see `SideRule`; taken as certain if only normals are given.
+    - `NormalPrior`, `GreatCirclePrior` (a floor, a wall, the previous frame): see there.
+    - `ConcentricCircle`, `Pattern`: cues in the print, measured in the image.
     - Several of them: their log odds add, as for independent observations.
 
-    The likelier candidate is chosen; candidates that are equally likely are not told apart. Probabilities are
-    calibrated under what was declared: of the cases called 0.8, 80 % are right.
+    The likelier candidate is chosen; of equally likely candidates none is chosen. Probabilities are calibrated under
+    the declared knowledge: 80 % of the cases with probability 0.8 are right.
 
     Source: errata, section 3, "Exact criterion" and "Decision procedure".
 
     Parameters
     ----------
     observation : Observation or (2, 3) array
-        Or the unit normals alone, out of the printed face, in the order of `CirclePoses`.
+        Or only the unit normals, out of the printed face, in the order of `CirclePoses`.
     knowledge : str, Evidence, a sequence of them, or None
 
     Returns
@@ -78,11 +78,11 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     Raises
     ------
     UsageError
-        If the knowledge is of no known kind.
+        If the type of the knowledge is unknown.
     """
     pieces = _pieces(knowledge)
     if not pieces:
-        return Choice((0.5, 0.5), None, "nothing is known to choose by")
+        return Choice((0.5, 0.5), None, "no prior knowledge was given")
     seen = (
         observation if isinstance(observation, Observation) else Observation(np.asarray(observation, dtype=np.float64))
     )
@@ -94,7 +94,7 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     if math.inf in odds and -math.inf in odds:
         return Choice((0.5, 0.5), None, basis)
     total = sum(odds)
-    # tanh: the probability and its complement both keep their digits, and infinite odds are welcome.
+    # tanh keeps the digits of the probability and of its complement, and allows infinite odds.
     first = 0.5 * (1.0 + math.tanh(0.5 * total))
     return Choice((first, 1.0 - first), None if abs(total) < _TIED else int(total < 0), basis)
 
@@ -109,7 +109,9 @@ def _pieces(knowledge: Knowledge) -> list[Evidence]:
             out.append(_side_of(piece))
             continue
         if not hasattr(piece, "verdict"):
-            raise UsageError(f"{type(piece).__name__} is no knowledge; give {' or '.join(KNOWLEDGE)}, or a NormalPrior")
+            raise UsageError(
+                f"{type(piece).__name__} is not a valid prior; pass {' or '.join(KNOWLEDGE)}, or a NormalPrior"
+            )
         problem = piece.problem()
         if problem:
             raise UsageError(problem)

@@ -1,8 +1,8 @@
 """A prior on the normal: a direction, or a plane it lies in, each with a standard deviation.
 
-Both poses are mirror images across a plane through the camera, and a reflection keeps volumes of positions and of
-directions. A uniform prior over poses therefore gives both exactly the same weight, and a prior over normals weighs
-them by its density, convolved with each candidate's own uncertainty.
+Both poses are mirror images across a plane through the camera, and a reflection preserves volumes of positions and of
+directions. A uniform prior over poses therefore gives both exactly the same weight. A prior over normals weights them
+by its density, convolved with the uncertainty of each candidate.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from roundel.solver.ambiguity.viewing_cone import viewing_cone
 
 Array = NDArray[np.float64]
 
-_LOG_VISIBLE = -math.log(2.0 * math.pi)  # an even density over the normals that face the camera, per steradian
+_LOG_VISIBLE = -math.log(2.0 * math.pi)  # uniform density over the normals that face the camera, per steradian
 
 
 @dataclass(frozen=True, eq=False)
 class NormalPrior:
-    """The normal is near a known direction: gravity, an inertial sensor, the frame before.
+    """The normal is near a known direction: gravity, an inertial sensor, the previous frame.
 
     Attributes
     ----------
     normal : (3,) array
-        Out of the printed face, in the camera frame; of any length.
+        Out of the printed face, in the camera frame; any length.
     spread_deg : float
-        The density of the true normal falls as exp(-theta^2 / (2 spread^2)), theta the angle to `normal`: a normal
-        distribution on the tangent plane, one standard deviation along one axis.
+        Standard deviation along one axis of a normal distribution on the tangent plane: the density of the true normal
+        falls as exp(-theta^2 / (2 spread^2)), theta the angle to `normal`.
     source : str
-        What it rests on, in words.
+        Description of its source.
     """
 
     normal: Array
@@ -45,7 +45,7 @@ class NormalPrior:
         return _problem(self.normal, self.spread_deg)
 
     def verdict(self, observation: Observation) -> Verdict:
-        """Density of the prior at each candidate, spread by the candidate's covariance."""
+        """Density of the prior at each candidate, convolved with the candidate's covariance."""
         mean = _unit(self.normal)
         s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
@@ -53,7 +53,7 @@ class NormalPrior:
             across = _cross(n, mean)
             sine = math.sqrt(_dot(across, across))
             angle = math.atan2(sine, _dot(n, mean))
-            # u from the candidate toward the prior, in the candidate's tangent plane, v across it.
+            # u points from the candidate toward the prior in the candidate's tangent plane, v is perpendicular to it.
             v = [x / sine for x in across] if sine > 1e-12 else _unit(_cross(n, _least(n)))
             u = _cross(v, n)
             cu = [_dot(row, u) for row in cov]
@@ -67,16 +67,16 @@ class NormalPrior:
 
 @dataclass(frozen=True, eq=False)
 class GreatCirclePrior:
-    """The normal is near the plane across an axis: that of a wall is horizontal, whichever way the wall faces.
+    """The normal is near the plane perpendicular to an axis: that of a wall is horizontal in any direction.
 
     Attributes
     ----------
     axis : (3,) array
-        In the camera frame; of any length.
+        In the camera frame; any length.
     spread_deg : float
         Standard deviation of the angle between the normal and that plane.
     toward : (3,) array or None
-        The normal lies on this side of the axis (its product with `toward` is positive), where that is known.
+        If given, the normal is on this side (its dot product with `toward` is positive).
     source : str
     """
 
@@ -90,10 +90,10 @@ class GreatCirclePrior:
         return _problem(self.axis, self.spread_deg) or ("" if self.toward is None else _problem(self.toward, 1.0))
 
     def verdict(self, observation: Observation) -> Verdict:
-        """As `NormalPrior.verdict`; along the great circle the density is even."""
+        """As `NormalPrior.verdict`; along the great circle the density is uniform."""
         axis = _unit(self.axis)
         toward = None if self.toward is None else _unit(self.toward)
-        length = 2.0 * math.pi if toward is None else math.pi  # of the circle, or of its half
+        length = 2.0 * math.pi if toward is None else math.pi  # of the circle or half circle
         s2 = math.radians(self.spread_deg) ** 2
         log, far, angles = [], [], []
         for n, cov in zip(observation.normal.tolist(), _normal_cov(observation), strict=True):
@@ -114,11 +114,11 @@ class GreatCirclePrior:
 def _problem(vector: ArrayLike, spread_deg: float) -> str:
     v = np.asarray(vector, dtype=np.float64)
     if v.shape != (3,) or not np.all(np.isfinite(v)) or not np.any(v) or not 0 < spread_deg < math.inf:
-        return "a prior normal must be a finite vector of three numbers that is not zero, with a positive spread"
+        return "a prior normal must be a finite, non-zero vector of three numbers, with a positive standard deviation"
     return ""
 
 
-# Plain numbers: an array operation on three of them takes as long as all of a verdict, and every detection asks.
+# Plain floats: one array operation on three numbers takes as long as a whole verdict, which every detection needs.
 def _dot(a: list[float], b: list[float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -134,13 +134,13 @@ def _unit(vector: ArrayLike) -> list[float]:
 
 
 def _least(n: list[float]) -> list[float]:
-    """The axis of the frame that is farthest from n."""
+    """The coordinate axis that is farthest from n."""
     i = min(range(3), key=lambda j: abs(n[j]))
     return [float(j == i) for j in range(3)]
 
 
 def _normal_cov(observation: Observation) -> list[list[list[float]]]:
-    """Covariance (2, 3, 3) of both normals: as given, else from ellipse and camera, else none."""
+    """Covariance (2, 3, 3) of both normals: as given, else from ellipse and camera, else zero."""
     if observation.cov is not None:
         own: list[list[list[float]]] = observation.cov[:, 3:, 3:].tolist()
         if math.isfinite(sum(map(sum, own[0])) + sum(map(sum, own[1]))):
@@ -166,21 +166,21 @@ def _weigh(log: list[float], far: list[float], source: str, angles: list[float],
 def previous_normal(
     normal: ArrayLike, spread_deg: float = 10.0, camera_from_previous: ArrayLike | None = None
 ) -> NormalPrior:
-    """The normal of the frame before as a prior.
+    """The normal of the previous frame as a prior.
 
     Parameters
     ----------
     normal : (3,) array_like
-        Chosen normal of the frame before, in that frame's camera coordinates.
+        Chosen normal of the previous frame, in that frame's camera coordinates.
     spread_deg : float
-        How far marker and camera may have turned since, together with the error of the estimate before.
+        Standard deviation of the rotation of marker and camera since then, including the previous estimate's error.
     camera_from_previous : (3, 3) array_like, optional
-        Rotation that takes that camera's coordinates to this one's, where it is known.
+        Rotation from the previous camera coordinates to the current ones, if known.
     """
     n = np.asarray(normal, dtype=np.float64)
     if camera_from_previous is not None:
         n = np.asarray(camera_from_previous, dtype=np.float64) @ n
-    return NormalPrior(n, spread_deg, "the normal of the frame before")
+    return NormalPrior(n, spread_deg, "the normal of the previous frame")
 
 
 def on_floor(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> NormalPrior | GreatCirclePrior:
@@ -189,10 +189,10 @@ def on_floor(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> Norm
     Parameters
     ----------
     gravity : (3,) array_like, optional
-        Direction in which things fall, in the camera frame (x right, y down, z forward): (0, 1, 0) for a level camera.
-        Left out: the image is taken upright (not rolled), how far the camera looks down is not known.
+        Direction of gravity in the camera frame (x right, y down, z forward): (0, 1, 0) for a level camera. By default
+        the image is taken as upright (no roll), with unknown pitch of the camera.
     spread_deg : float
-        Of gravity and the floor together; without gravity, of the camera's roll.
+        Standard deviation of gravity and the floor together; without gravity, of the camera's roll.
     """
     return _lying(gravity, spread_deg, -1.0, "a floor")
 
@@ -203,12 +203,12 @@ def on_ceiling(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> No
 
 
 def on_wall(gravity: ArrayLike | None = None, spread_deg: float = 10.0) -> GreatCirclePrior:
-    """A marker on a wall: its normal is horizontal, and nothing more.
+    """A marker on a wall: its normal is horizontal, with unknown heading.
 
     Parameters
     ----------
     gravity : (3,) array_like, optional
-        As in `on_floor`; left out: the camera is level, within the spread.
+        As in `on_floor`; by default the camera is level, within `spread_deg`.
     spread_deg : float
     """
     known = gravity is not None

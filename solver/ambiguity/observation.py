@@ -12,34 +12,34 @@ from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 Array = NDArray[np.float64]
 
-# Of a hundred declarations one is taken to be a mistake: the share of a likelihood that says nothing. Knowledge that
-# contradicts the image then cannot decide by which of two impossibilities is the smaller.
+# Weight of the uniform outlier component: 1 % of declared priors are assumed wrong. A prior that contradicts both
+# candidates therefore cannot decide by a comparison of two negligible likelihoods.
 MISTAKES = 0.01
 
-# Squared distance, in sigmas of two dimensions, beyond which a candidate does not fit: 0.03 % of the true ones.
+# Squared distance, in sigmas of two dimensions, beyond which a candidate does not fit; 0.03 % of true ones exceed it.
 MISFIT = 16.0
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One detection with both its poses. What is None is not known, and what would need it is left out.
+    """One detection with both its poses. Unknown fields are None, and cues that need them are skipped.
 
     Attributes
     ----------
     normal : (2, 3) array
-        Of both candidates, out of the printed face, in the order of `CirclePoses`.
+        Normals of both candidates, out of the printed face, in the order of `CirclePoses`.
     cov : (2, 6, 6) array or None
-        Covariance of (centre in m, normal) of each candidate, what the camera's assumption adds included.
+        Covariance of (centre in m, normal) of each candidate, including the uncertainty of the camera.
     ellipse : (5,) array or None
         Outer contour in undistorted pixel coordinates: x_px, y_px, a_px, b_px, angle_deg.
     shape_cov : (5, 5) array or None
         Covariance of (x, y, S11, S12, S22), see `EllipseFit`.
     uncertain_camera : UncertainCamera or None
-        The camera that the poses rest on, and how well it is known.
+        The camera used for the poses, with its uncertainty.
     image : (H, W) array or None
-        Grey levels, linear in the light; image pixels, lens distortion still in them.
+        Grey levels, linear in light; image pixels with lens distortion.
     blur_px : float
-        Gaussian sigma of the blur of the marker's edges, the pixel's aperture not included.
+        Gaussian sigma of the blur of the marker's edges, excluding the pixel's aperture.
     """
 
     normal: Array
@@ -53,14 +53,14 @@ class Observation:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one piece of knowledge says.
+    """Result of one piece of prior knowledge.
 
     Attributes
     ----------
     log_odds : float
-        Natural logarithm of the odds of candidate 0 against candidate 1; infinite where it is certain.
+        Natural logarithm of the odds of candidate 0 against candidate 1; infinite if it is certain.
     basis : str
-        In words for the user.
+        Explanation for the user.
     """
 
     log_odds: float
@@ -68,12 +68,12 @@ class Verdict:
 
 
 class Evidence(Protocol):
-    """A piece of knowledge: anything that turns an observation into a verdict."""
+    """A piece of prior knowledge: anything that turns an observation into a verdict."""
 
     def verdict(self, observation: Observation) -> Verdict:
-        """The odds of candidate 0 against candidate 1, and why."""
+        """The odds of candidate 0 against candidate 1, and their reason."""
         ...
 
     def problem(self) -> str:
-        """What is wrong with the declaration itself, in one clause; empty if nothing is."""
+        """What is invalid about the declaration, as one clause; empty if it is valid."""
         ...

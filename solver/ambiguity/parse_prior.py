@@ -22,14 +22,14 @@ _WORDS = ("none", *KNOWLEDGE, "normal", *_PLACES, *_MARKS)
 
 
 def parse_knowledge(text: str) -> Knowledge:
-    """Read knowledge; several pieces are joined by `+`.
+    """Parse prior knowledge; several pieces are joined by `+`.
 
     - `none`
     - `same_side`, `opposite_side`
     - `normal:X,Y,Z[:SPREAD_DEG]`: out of the printed face, in the camera frame (x right, y down, z forward)
-    - `floor`, `ceiling`, `wall`, each with `[:GX,GY,GZ][:SPREAD_DEG]`: gravity in the camera frame; left out, the image
-      is upright (floor, ceiling) or the camera level (wall)
-    - `circle:RATIO`: a dot or the inner edge of a ring, its diameter as a fraction of the outer one
+    - `floor`, `ceiling`, `wall`, each with `[:GX,GY,GZ][:SPREAD_DEG]`: gravity in the camera frame; by default the
+      image is upright (floor, ceiling) or the camera level (wall)
+    - `circle:RATIO`: a dot or the inner edge of a ring, its diameter as a fraction of the outer diameter
 
     Raises
     ------
@@ -64,7 +64,7 @@ def _piece(text: str) -> Evidence:
     if name in _WORDS:
         form = {
             "normal": "normal:X,Y,Z or normal:X,Y,Z:SPREAD_DEG",
-            "circle": "circle:RATIO, as circle:0.5",
+            "circle": "circle:RATIO, for example circle:0.5",
             **{place: f"{place}, {place}:SPREAD_DEG or {place}:GX,GY,GZ:SPREAD_DEG" for place in _PLACES},
         }.get(name, name)
         raise UsageError(f"--knowledge {text}: write {form}")
@@ -85,12 +85,12 @@ def _number(text: str, value: str) -> float:
 def _vector(text: str, values: str) -> tuple[float, ...]:
     parts = values.split(",")
     if len(parts) != 3:
-        raise UsageError(f"--knowledge {text}: a direction has three numbers, as 0,1,0; {values!r} has {len(parts)}")
+        raise UsageError(f"--knowledge {text}: a direction has three numbers, like 0,1,0; {values!r} has {len(parts)}")
     return tuple(_number(text, part) for part in parts)
 
 
 def mark_of(kind: str, diameter_m: float, layout: dict[str, Any]) -> Evidence | None:
-    """What a marker's own print can tell, by its kind and layout in `cameras.json`; None for a plain disc."""
+    """The cue of a marker's own print, by its kind and layout in `cameras.json`; None for a plain disc."""
     if kind == "ring":
         return ConcentricCircle(float(layout["inner_diameter_m"]) / diameter_m)
     if kind == "rings":

@@ -1,10 +1,10 @@
 """A known print inside the circle as a cue: predicted with both poses, over all in-plane rotations.
 
 Source of the idea: A. Pagani et al., Circular markers for camera pose estimation, WIAMIS (2011): rectify with both
-poses and keep the one nearer to the expected pattern. Here the print is predicted where the pixels are, not the pixels
-resampled, and the likelihood is that of the pixels with what is uncertain integrated out: ellipse, focal length,
-principal point, turn, blur, grey levels and a slope of the light. Both poses differ inside the circle by a fraction of
-a pixel: without those, a residual of the wrong cause would decide.
+poses and keep the one nearer to the expected pattern. Here the print is predicted at the pixels instead of resampling
+the pixels, and the likelihood is that of the pixels with the uncertain parameters marginalised: ellipse, focal length,
+principal point, in-plane rotation, blur, grey levels and a gradient of the light. Inside the circle both poses differ
+by a fraction of a pixel, so without marginalisation unrelated residuals would decide.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from roundel.solver.ambiguity.viewing_cone import viewing_cone
 
 Array = NDArray[np.float64]
 
-_SURE = math.log(1e4)  # a model of a print is no better than that
+_SURE = math.log(1e4)  # limit set by the accuracy of a print's model
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What is printed inside the outer circle.
+    """The print inside the outer circle.
 
     Attributes
     ----------
     texture : (n, n) array
-        Reflectance over the square that encloses the outer circle: rows from the top (Y = +1 radius) down, columns from
+        Reflectance over the bounding square of the outer circle: rows from the top (Y = +1 radius) down, columns from
         X = -1 radius to the right; the marker frame has X right, Y up.
     name : str
     """
@@ -42,11 +42,11 @@ class Pattern:
     name: str = "known pattern"
 
     def problem(self) -> str:
-        """What is wrong with it; empty if nothing is."""
+        """What is invalid about it; empty if it is valid."""
         t = np.asarray(self.texture)
         if t.ndim != 2 or t.shape[0] != t.shape[1] or t.shape[0] < 8 or not np.all(np.isfinite(t)):
             return "a pattern is a square array of at least 8 by 8 finite reflectances"
-        return "" if np.ptp(t) > 0 else "a pattern of one shade tells nothing"
+        return "" if np.ptp(t) > 0 else "a pattern of one shade carries no information"
 
     def verdict(self, observation: Observation) -> Verdict:
         """Likelihood of the pixels inside the outer contour under both poses."""
@@ -57,7 +57,7 @@ class Pattern:
             or observation.uncertain_camera is None
             or observation.ellipse is None
         ):
-            return Verdict(0.0, f"{self.name}: not looked for, there is no image, ellipse or camera")
+            return Verdict(0.0, f"{self.name}: not evaluated, because there is no image, ellipse or camera")
         region = region_inside(
             observation.image, observation.uncertain_camera.camera, observation.ellipse, observation.blur_px
         )
@@ -72,14 +72,14 @@ class Pattern:
         seen = 1.0 - min(fit.left for fit in fits) / max(total, 1e-12)
         if seen < 0.5:
             return Verdict(
-                0.0, f"{self.name}: not seen, it explains {100 * max(seen, 0.0):.0f} % of the pixels' variance"
+                0.0, f"{self.name}: not found, it explains {100 * max(seen, 0.0):.0f} % of the pixels' variance"
             )
-        # One time in a hundred something else is printed there: then the pixels are as likely as without the pattern.
+        # With probability 1 % something else is printed there: then the pixels are as likely as without the pattern.
         other = math.log(MISTAKES) - 0.5 * total / noise2
         log = [float(np.logaddexp(math.log1p(-MISTAKES) + fit.log_likelihood(noise2), other)) for fit in fits]
         odds = max(-_SURE, min(_SURE, log[0] - log[1]))
         rms = [math.sqrt(fit.left / len(value)) for fit in fits]
-        return Verdict(odds, f"{self.name}: it leaves {rms[0]:.3g} and {rms[1]:.3g} DN of the pixels under both poses")
+        return Verdict(odds, f"{self.name}: its residuals under both poses are {rms[0]:.3g} and {rms[1]:.3g} DN")
 
 
 def pattern_of(
@@ -93,9 +93,9 @@ def pattern_of(
         Takes X and Y (arrays, in outer radii; X right, Y up), returns reflectances of the same shape.
     name : str
     size : int
-        Cells a side; each is the mean of 34 points.
+        Cells per side; each is the mean of 34 points.
     """
-    # A Fibonacci lattice: edges along the axes, too, are known to a 34th of a cell.
+    # A Fibonacci lattice resolves edges to a 34th of a cell, also along the axes.
     total = np.zeros((size, size))
     for i in range(34):
         at = np.arange(size) * (2.0 / size) - 1.0
@@ -107,7 +107,7 @@ def pattern_of(
 def pattern_of_shapes(
     shapes: Sequence[Disc | Bar], radius_m: float, paper: float, name: str = "known pattern"
 ) -> Pattern:
-    """A pattern from the discs and bars that a marker is made of, painted in order (see `scenes.marker`)."""
+    """A pattern from the discs and bars of a marker, painted in order (see `scenes.marker`)."""
 
     def reflectance(x: Array, y: Array) -> Array:
         out = np.full_like(x, paper)
@@ -127,8 +127,8 @@ def pattern_of_shapes(
 def orientation_tick(from_radii: float = 0.5, to_radii: float = 0.9, width_radii: float = 0.12) -> Pattern:
     """A bar of paper along +X in a disc of ink, as `roundel` prints it on the marker `disc_with_tick`.
 
-    It reaches to one side only, and says too much: its probabilities are off by 0.09 (`benchmarks/choice.py`, where
-    0.03 is allowed), so that no word of `--knowledge` stands for it.
+    It extends to one side only and is overconfident: its probabilities are off by 0.09 (`benchmarks/choice.py` allows
+    0.03), so `--knowledge` does not offer it.
     """
     return pattern_of(
         lambda x, y: ((x > from_radii) & (x < to_radii) & (np.abs(y) < width_radii / 2)) * 1.0, "orientation tick"

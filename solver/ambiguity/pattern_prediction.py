@@ -1,7 +1,7 @@
 """The pixels of a print as one pose predicts them, with derivatives by every uncertain parameter.
 
-The print is looked up on a grid finer than the pixels, blurred there, and averaged over each pixel: aperture and blur
-are exact, and the slopes of the prediction come from the same grid.
+The print is sampled on a grid finer than the pixels, blurred there, and averaged over each pixel: aperture and blur are
+exact, and the gradients of the prediction come from the same grid.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from roundel.solver.fit.ellipse import shape_of_ellipse
 Array = NDArray[np.float64]
 
 _MIN_PIXELS = 40
-_MAX_PIXELS = 1200  # beyond, every n-th: the odds are clear by then
+_MAX_PIXELS = 1200  # with more, every n-th is used: the odds are decisive by then
 _TURNS = 90
-_TURN_SIGMA = math.radians(10.0)  # about the best turn; wide, but no other maximum
+_TURN_SIGMA = math.radians(10.0)  # around the best rotation; wide, but without another maximum
 _BLUR_SIGMA_PX = 0.1
 _SETTLED = 1e-3  # of the residual's power
 
@@ -34,7 +34,7 @@ class Region:
     Attributes
     ----------
     index : (N,) array
-        Which pixels of the box, row by row.
+        Indices of the pixels in the box, row by row.
     value : (N,) array
         Their grey levels.
     places : (N, 2) array
@@ -44,9 +44,9 @@ class Region:
     shape : (int, int)
         Height and width of the box, pixels.
     scale : int
-        Points of the finer grid a pixel and side.
+        Points of the finer grid per pixel and side.
     stretch : (N, 2, 2) array
-        Derivative of `places` by the image's pixels.
+        Derivative of `places` with respect to image pixels.
     size_px : float
         Semi-major axis of the contour.
     """
@@ -62,7 +62,7 @@ class Region:
 
 
 def region_inside(image: NDArray[Any], camera: Camera, ellipse: Array, blur_px: float) -> Region | None:
-    """The region inside an ellipse of undistorted pixels; None if it has hardly any pixels."""
+    """The region inside an ellipse of undistorted pixels; None if it has too few pixels."""
     height, width = image.shape
     middle = distort_px(camera, ellipse[:2])
     theta = shape_of_ellipse(ellipse)
@@ -88,10 +88,10 @@ def region_inside(image: NDArray[Any], camera: Camera, ellipse: Array, blur_px: 
         return None
     index = index[:: -(-len(index) // _MAX_PIXELS)]
     stretch = np.stack([np.gradient(whole, axis=1), np.gradient(whole, axis=0)], axis=-1).reshape(-1, 2, 2)[index]
-    # A point on a grid of a quarter of a pixel; the largest prints have pixels enough.
+    # The spacing of the grid is a quarter of a pixel, or half a pixel for the largest prints, which have enough pixels.
     scale = 4 if ellipse[2] <= 40.0 else 2
     fine = grid(scale).reshape(-1, 2)
-    # Corners of the box may lie outside the lens's field: nothing there counts.
+    # Corners of the box may be outside the lens's field; they are not used.
     fine = np.where(np.isfinite(fine), fine, 0.0)
     value = image[y0:y1, x0:x1].ravel()[index].astype(np.float64)
     return Region(index, value, flat[index], fine, (y1 - y0, x1 - x0), scale, stretch, float(ellipse[2]))
@@ -99,14 +99,14 @@ def region_inside(image: NDArray[Any], camera: Camera, ellipse: Array, blur_px: 
 
 @dataclass(frozen=True, eq=False)
 class PrintFit:
-    """Residual and Jacobian of one candidate, both free of what levels and light explain."""
+    """Residual and Jacobian of one candidate, both projected free of grey levels and light."""
 
     residual: Array
-    jacobian: Array  # by nuisances of unit variance
-    left: float  # sum of squares after the best nuisances
+    jacobian: Array  # with respect to nuisances of unit variance
+    left: float  # sum of squares with the best nuisances
 
     def log_likelihood(self, noise2: float) -> float:
-        """Of the residual under N(0, noise2 I + J J^T), without the constant."""
+        """Log-likelihood of the residual under N(0, noise2 I + J J^T), without the constant."""
         inner = np.eye(self.jacobian.shape[1]) + self.jacobian.T @ self.jacobian / noise2
         lean = self.jacobian.T @ self.residual
         explained = float(lean @ np.linalg.solve(inner, lean)) / noise2
@@ -129,11 +129,11 @@ class PredictedPrint:
     def __init__(self, texture: Array, cone: ViewingCone, region: Region, blur_px: float) -> None:
         self.cone, self.region, self.blur_px = cone, region, blur_px
         self.texture = _coarser(texture, region.size_px, 1.0 / region.scale)
-        # Mean over a cell and a line from cell to cell blur by a sixth of a cell's square.
+        # The mean over a cell and linear interpolation between cells blur by a sixth of a cell's square.
         self.smooth = (2.0 * region.size_px / len(self.texture)) ** 2 / 6.0
-        # Cells of 1 to 2 px: a thin line then is as wide as the steps of the coarse turns.
+        # Cells of 1 to 2 px: a thin line is then as wide as the steps of the coarse rotations.
         self.soft = _coarser(self.texture, region.size_px, 2.0)
-        # X across one axis of the camera's, whichever is far from the normal; the turn is searched anyway.
+        # X is perpendicular to the camera axis that is far from the normal; the rotation is searched anyway.
         across = [np.cross(np.eye(3)[int(np.argmin(np.abs(n)))], n) for n in cone.normal[0]]
         self.x_axis = [axis / np.linalg.norm(axis) for axis in across]
         self.fine = [self._plane(i, 0, region.fine) for i in range(2)]
@@ -141,10 +141,10 @@ class PredictedPrint:
         self.light = np.column_stack([np.ones(len(middle)), middle / np.abs(middle).max()])
 
     def fit(self, i: int) -> PrintFit:
-        """Best turn of candidate i, and the residual and Jacobian there."""
+        """Best rotation of candidate i, and the residual and Jacobian there."""
         turn = self._coarse_turn(i)
         jacobian, plain = self._linearise(i, turn)
-        for _ in range(4):  # the coarse turn is a degree off
+        for _ in range(4):  # the coarse rotation is off by about a degree
             turn += _TURN_SIGMA * float(np.clip(_best(jacobian, plain)[-2], -0.2, 0.2))
             moved, less = self._linearise(i, turn)
             gained = float(plain @ plain) - float(less @ less)
@@ -156,7 +156,7 @@ class PredictedPrint:
         return PrintFit(plain, jacobian, float(left @ left))
 
     def _coarse_turn(self, i: int) -> float:
-        """The best turn to within a degree or so: over a softened print, then over the print itself."""
+        """The best rotation to about a degree: with a smoothed print first, then with the print itself."""
         flat = self._plane(i, 0, self.region.places)
         turns = np.arange(_TURNS) * (2.0 * math.pi / _TURNS)
         left = np.array([_unexplained(self.region.value, _look_up(self.soft, flat, t)) for t in turns])
@@ -169,14 +169,14 @@ class PredictedPrint:
         )
 
     def _linearise(self, i: int, turn: float) -> tuple[Array, Array]:
-        """Jacobian by nuisances of unit variance (the last two are turn and blur), and the residual."""
+        """Jacobian for nuisances of unit variance (the last two are rotation and blur), and the residual."""
         drawn = self._drawn(i, turn)
         model, slope = self._blurred(drawn, self.blur_px)
         shaded = model[:, None] * self.light[:, 1:]
         columns = np.column_stack([self.light, shaded, model])
         levels = np.linalg.lstsq(columns, self.region.value, rcond=None)[0]
         plain = self.region.value - columns @ levels
-        # A nuisance moves the print under a pixel; so would a step of the pixel, and all nuisances share its slopes.
+        # A nuisance moves the print under a pixel, like a step of the pixel, so all nuisances share its gradients.
         places, nudge = self.region.places, 0.1 * np.eye(2)
         here = self._plane(i, 0, places)
         onto = np.stack([self._plane(i, 0, places + d) - self._plane(i, 0, places - d) for d in nudge], axis=-1) / 0.2
@@ -186,24 +186,24 @@ class PredictedPrint:
         by_move = np.einsum("ni,nik->nk", slope, np.linalg.solve(onto @ self.region.stretch, moves))
         low, high = max(self.blur_px - _BLUR_SIGMA_PX, 0.0), self.blur_px + _BLUR_SIGMA_PX
         by_blur = self._blurred(drawn, high)[0] - self._blurred(drawn, low)[0]
-        # The last level is the gain of the print: what a change of the prediction changes in the pixels.
+        # The last level is the gain of the print, from a change of the prediction to one of the pixels.
         jacobian = float(levels[-1]) * np.column_stack([by_move, by_blur * (_BLUR_SIGMA_PX / (high - low))])
         basis = np.linalg.qr(columns)[0]
         return jacobian - basis @ (basis.T @ jacobian), plain
 
     def _drawn(self, i: int, turn: float) -> Array:
-        """The print on the finer grid, not blurred yet."""
+        """The print on the finer grid, before blurring."""
         height, width = (n * self.region.scale for n in self.region.shape)
         return _look_up(self.texture, self.fine[i], turn).reshape(height, width)
 
     def _blurred(self, drawn: Array, blur_px: float) -> tuple[Array, Array]:
-        """Mean reflectance (N,) of each pixel, and its slopes (N, 2) by the pixel's place in the image."""
+        """Mean reflectance (N,) of each pixel, and its gradient (N, 2) with respect to the pixel's position."""
         from scipy.ndimage import gaussian_filter
 
         n = self.region.scale
         sigma = n * math.sqrt(max(blur_px**2 - self.smooth, 1e-4))
         soft = gaussian_filter(drawn, sigma, mode="nearest", truncate=3.5)
-        # Sums over n by n points from running sums: a pixel's, and those of the pixel one point aside.
+        # Sums over n by n points from cumulative sums: for a pixel, and for the pixel shifted by one point.
         total = np.zeros((soft.shape[0] + 1, soft.shape[1] + 1))
         total[1:, 1:] = soft.cumsum(axis=0).cumsum(axis=1)
         row, column = np.divmod(self.region.index, self.region.shape[1])
@@ -216,7 +216,7 @@ class PredictedPrint:
         return mean(0, 0), slope
 
     def _plane(self, i: int, row: int, places: Array) -> Array:
-        """Undistorted pixels to the marker's plane in radii (N, 2); axes that follow the normal without a turn."""
+        """Undistorted pixels to the marker's plane in radii (N, 2); the axes follow the normal without rotation."""
         n, cone = self.cone.normal[row, i], self.cone.cone[row]
         c = -cone @ n / math.sqrt(float(n @ cone @ n))
         x_axis = self.x_axis[i] - float(n @ self.x_axis[i]) * n
@@ -228,20 +228,20 @@ class PredictedPrint:
 
 
 def _coarser(texture: Array, size_px: float, cell_px: float) -> Array:
-    """Halved as long as its cells stay within `cell_px`."""
+    """The texture, halved as long as its cells stay within `cell_px`."""
     while len(texture) % 2 == 0 and 4.0 * size_px / len(texture) <= cell_px:
         texture = texture.reshape(len(texture) // 2, 2, -1, 2).mean(axis=(1, 3))
     return texture
 
 
 def _best(jacobian: Array, plain: Array) -> Array:
-    """The likeliest nuisances. The noise is taken from the residual: what a nuisance of one sigma costs."""
+    """The most likely nuisances. The noise is estimated from the residual; it scales the cost of one sigma."""
     ridge = float(plain @ plain) / len(plain)
     return np.asarray(np.linalg.solve(jacobian.T @ jacobian + ridge * np.eye(jacobian.shape[1]), jacobian.T @ plain))
 
 
 def _look_up(texture: Array, flat: Array, turn: float) -> Array:
-    """Bilinear reflectance at points of the plane, the marker turned by `turn` from X toward Y."""
+    """Bilinear reflectance at points of the plane, with the marker rotated by `turn` from X toward Y."""
     c, s = math.cos(turn), math.sin(turn)
     size = len(texture)
     x = np.clip((c * flat[:, 0] + s * flat[:, 1] + 1.0) * (size / 2.0) - 0.5, 0.0, size - 1.001)
@@ -253,7 +253,7 @@ def _look_up(texture: Array, flat: Array, turn: float) -> Array:
 
 
 def _unexplained(value: Array, model: Array) -> float:
-    """What two grey levels leave, sum of squares: the print's lighter parts must be the lighter ones."""
+    """Residual sum of squares after two grey levels; lighter parts of the print must be lighter in the image."""
     centred, value = model - model.mean(), value - value.mean()
     power, common = float(centred @ centred), float(centred @ value)
     return float(value @ value) - (common**2 / power if power > 0 and common > 0 else 0.0)

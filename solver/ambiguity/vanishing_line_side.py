@@ -1,9 +1,9 @@
 """The paper's same-side condition as prior knowledge, with its reliability.
 
 `same_side`: the limiting points lie on one side of the vanishing line (E > 0, Proposition 3 with its sign corrected),
-and the true pose is the one with the larger n_z of the errata, index 0 here; `opposite_side`: index 1. That is a
-conversion of external knowledge, and it is about the *true* camera: candidates that were computed with a wrong
-principal point may have exchanged their order (errata, section 3, "Reliability guard").
+and the true pose is the one with the larger n_z of the errata, index 0 here; `opposite_side`: index 1. This converts
+external knowledge about the *true* camera: candidates computed with a wrong principal point may be in exchanged order
+(errata, section 3, "Reliability guard").
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SideRule:
-    """On which side of the vanishing line the limiting points are known to lie.
+    """Declares whether the limiting points are on the same side of the vanishing line.
 
     Attributes
     ----------
@@ -33,16 +33,16 @@ class SideRule:
     same: bool
 
     def problem(self) -> str:
-        """Nothing can be wrong with it."""
+        """Empty: a side rule is always valid."""
         return ""
 
     def verdict(self, observation: Observation) -> Verdict:
-        """Probability Phi(|g| / sigma_g) that the candidates stand in their true order.
+        """Probability Phi(|g| / sigma_g) that the candidates are in their true order.
 
-        g = e3_z, where both normals are -cos e1 -+ sin e3: their n_z are equal just where e3 is parallel to the image,
-        and that is where the principal point lies on the ellipse's axis of symmetry, m.(x_e - pp) = 0. So g f is the
-        errata's offset along the minor axis, exact for large and off-axis circles as well, and sigma_g carries the
-        principal point, the ellipse and the focal length together. The prior is flat: markers are not aimed at to
+        g = e3_z, where both normals are -cos e1 -+ sin e3: their n_z are equal exactly if e3 is parallel to the image,
+        that is, if the principal point is on the ellipse's axis of symmetry, m.(x_e - pp) = 0. So g f is the errata's
+        offset along the minor axis, exact also for large and off-axis circles, and sigma_g combines the uncertainties
+        of the principal point, the ellipse and the focal length. The prior is flat: cameras are not aimed at markers to
         within the error of the principal point.
         """
         word = "same side" if self.same else "opposite side"
@@ -56,14 +56,14 @@ class SideRule:
             variance += float(gradient[:5] @ observation.shape_cov @ gradient[:5])
         sigma = math.sqrt(max(variance, 0.0))
         z = g / sigma if sigma > 0 else math.inf
-        # log(Phi(z) / Phi(-z)); beyond 8 sigma Phi(-z) is 1e-15, and 1 is what it rounds to.
+        # log(Phi(z) / Phi(-z)); beyond 8 sigma Phi(-z) is below 1e-15, and the probability rounds to 1.
         odds = math.inf if z > 8.0 else math.log(math.erfc(-z / math.sqrt(2.0)) / math.erfc(z / math.sqrt(2.0)))
-        trust = f"{g * to_px:.3g} px from where the order turns, which is known to {sigma * to_px:.2g} px"
+        trust = f"{g * to_px:.3g} px from where the order reverses, with a standard deviation of {sigma * to_px:.2g} px"
         return Verdict(sign * odds, f"{word} of the vanishing line, declared; {trust}")
 
 
 def _order(ellipse: Array, k: Array) -> tuple[float, Array, float]:
-    """What decides the order of the candidates: g = e3_z >= 0, its derivatives, and pixels per unit of g.
+    """The quantity that decides the order of the candidates: g = e3_z >= 0, its derivatives, and pixels per unit of g.
 
     e3 is the middle eigenvector of the dual cone M = K^-1 N K^-T, N = x x^T - [S S^T, 0; 0, 0], x = (centre, 1). By
     perturbation dg = q^T dM e3 with q = sum_j e_j e_jz / (m_3 - m_j) over the other two.
@@ -72,8 +72,8 @@ def _order(ellipse: Array, k: Array) -> tuple[float, Array, float]:
     -------
     g : float
     gradient : (6,) array
-        By x, y, S11, S12, S22 of the ellipse, and the logarithm of the focal length. The principal point moves against
-        the ellipse.
+        With respect to x, y, S11, S12, S22 of the ellipse and the logarithm of the focal length. A shift of the
+        principal point is the opposite shift of the ellipse.
     to_px : float
     """
     theta = shape_of_ellipse(ellipse)
@@ -83,7 +83,7 @@ def _order(ellipse: Array, k: Array) -> tuple[float, Array, float]:
     p, w = inverse @ x, inverse[:, :2] @ s
     value, vector = np.linalg.eigh(np.outer(p, p) - w @ w.T)
     e3 = vector[:, 1] if vector[2, 1] >= 0 else -vector[:, 1]
-    # Two equal eigenvalues: a circle seen along its own axis, whose candidates coincide and have no order.
+    # Two equal eigenvalues: a circle viewed along its own axis, whose candidates coincide and have no order.
     low, high = max(value[1] - value[0], 1e-300), min(value[1] - value[2], -1e-300)
     parts = vector[2, 0] / low * vector[:, 0], vector[2, 2] / high * vector[:, 2]
     q, mq = parts[0] + parts[1], value[0] * parts[0] + value[2] * parts[1]

@@ -1,8 +1,8 @@
 """The viewing cone of an ellipse and its two circular sections, with derivatives by every uncertain parameter.
 
-In units of the circle's radius the dual cone is M = c c^T - I + n n^T with its lowest eigenvalue at -1; any circle
-about the same centre in the same plane, of r radii, has M + (1 - r^2) (I - n n^T). So a candidate's normal says all
-that it predicts of the marker's inside (errata, section 2).
+In units of the circle's radius the dual cone is M = c c^T - I + n n^T with its lowest eigenvalue at -1; a concentric
+circle of r radii in the same plane has M + (1 - r^2) (I - n n^T). So a candidate's normal determines its prediction of
+the marker's interior (errata, section 2).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NUISANCES = 8  # x, y, S11, S12, S22 of the ellipse, logarithm of the focal leng
 
 @dataclass(frozen=True, eq=False)
 class ViewingCone:
-    """The cone as measured (row 0), and with each nuisance a step up (rows 1 to 8) and down (rows 9 to 16).
+    """The measured cone (row 0), and the cone with each nuisance stepped up (rows 1 to 8) and down (rows 9 to 16).
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class ViewingCone:
     cone : (17, 3, 3) array
         Dual cone in the camera frame, in units of the radius.
     normal : (17, 2, 3) array
-        Both candidates, each followed through the steps.
+        Both candidates, tracked through the steps.
     side : (17, 3) array
-        Unit vector e3 across which both candidates mirror each other.
+        Unit vector e3 normal to the mirror plane of both candidates.
     step : (8,) array
     factor : (8, 8) array
         Square root F of the nuisances' covariance F F^T.
@@ -46,7 +46,7 @@ class ViewingCone:
     factor: Array
 
     def derivative(self, values: Array) -> Array:
-        """Derivative (..., 8) by the nuisances of what was computed in all 17 rows (17, ...)."""
+        """Derivative (..., 8) with respect to the nuisances of values computed in all 17 rows (17, ...)."""
         difference = values[1 : 1 + NUISANCES] - values[1 + NUISANCES :]
         return np.asarray(np.moveaxis(difference, 0, -1) / (2.0 * self.step))
 
@@ -56,12 +56,12 @@ class ViewingCone:
 
 
 def viewing_cone(observation: Observation) -> ViewingCone | None:
-    """The cone of an observation; None where ellipse or camera are not given."""
+    """The cone of an observation; None if ellipse or camera are missing."""
     if observation.ellipse is None or observation.uncertain_camera is None:
         return None
     camera = observation.uncertain_camera.camera
     theta = shape_of_ellipse(observation.ellipse)
-    # Steps of 1e-4: curvature and rounding (1e-16 times the cone's condition, some 1e5) both stay below 1e-6.
+    # Steps of 1e-4: errors by curvature and rounding (1e-16 times the cone's condition, about 1e5) are below 1e-6.
     size = 1e-4 * float(observation.ellipse[3])
     step = np.array([size] * 5 + [1e-4] + [1e-4 * float(camera.K[0, 0])] * 2)
     steps = np.concatenate([np.zeros((1, NUISANCES)), np.diag(step), -np.diag(step)])
@@ -81,7 +81,7 @@ def viewing_cone(observation: Observation) -> ViewingCone | None:
 
 
 def _sections(theta: Array, k: Array) -> tuple[Array, Array, Array]:
-    """Cones, normals and e3 for ellipses (m, 5) under K (m, 3, 3); the order and signs of row 0 kept in all rows."""
+    """Cones, normals and e3 for ellipses (m, 5) under K (m, 3, 3); all rows keep the order and signs of row 0."""
     shape = np.zeros((len(theta), 3, 2))
     shape[:, 0, 0], shape[:, 1, 1] = theta[:, 2], theta[:, 4]
     shape[:, 0, 1] = shape[:, 1, 0] = theta[:, 3]
@@ -102,7 +102,7 @@ def _sections(theta: Array, k: Array) -> tuple[Array, Array, Array]:
 
 
 def concentric_image(cone: Array, normal: Array, k: Array, ratio: float) -> tuple[Array, Array]:
-    """Image of the circle of `ratio` radii about the marker's centre.
+    """Image of the concentric circle of `ratio` radii.
 
     Parameters
     ----------

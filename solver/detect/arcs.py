@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_STEP = 6  # points to either side of which a direction is made: chains are whole pixels
+_STEP = 6  # points on either side that define a direction, because chains consist of whole pixels
 _CORNER_DEG = 50.0
-_BACK_DEG = 15.0  # the other way round than the arc itself
+_BACK_DEG = 15.0  # turn against the direction of the arc
 _MIN_POINTS = 14
-_MIN_TURN_DEG = 40.0  # a flatter arc tells no ellipse
+_MIN_TURN_DEG = 40.0  # a flatter arc does not determine an ellipse
 
 
 def arcs_of(segments: list[Array]) -> list[Array]:
-    """Pieces of edge segments that bend one way and have no corner.
+    """Pieces of edge segments that bend in one direction and have no corner.
 
     Parameters
     ----------
@@ -25,12 +25,12 @@ def arcs_of(segments: list[Array]) -> list[Array]:
     Returns
     -------
     list of (N, 2) arrays
-        Those long enough, and bent enough, to tell an ellipse.
+        Pieces that are long enough and bent enough to determine an ellipse.
     """
     segments = [s for s in segments if len(s) >= max(_MIN_POINTS, 2 * _STEP + 1)]
     if not segments:
         return []
-    # All segments in one row, closed ones with their ends repeated, so that each step is one pass over all points.
+    # All segments are concatenated, closed ones with repeated ends, so that each step is one pass over all points.
     rows = [np.concatenate([s[-_STEP:], s, s[:_STEP]]) if _is_closed(s) else s for s in segments]
     points = np.concatenate(rows)
     lengths = np.array([len(r) for r in rows])
@@ -38,7 +38,7 @@ def arcs_of(segments: list[Array]) -> list[Array]:
     first, last = np.repeat(ends - lengths, lengths), np.repeat(ends - 1, lengths)
     at = np.arange(len(points))
     ahead, behind = points[np.minimum(at + _STEP, last)] - points, points - points[np.maximum(at - _STEP, first)]
-    # Near an open end there is no direction on one side: no turn is seen there.
+    # Near an open end there is no direction on one side, so the turn is zero there.
     cross = ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0]
     turn = -np.degrees(np.arctan2(cross, np.sum(ahead * behind, axis=1)))
     turn[(at - first < _STEP) | (last - at < _STEP)] = 0.0
@@ -62,7 +62,7 @@ def _pieces(points: Array, turn: Array) -> list[Array]:
         bent = ~sharp & (sign * turn > -_BACK_DEG)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], bent, [False]]).astype(np.int8)))
         for start, end in edges.reshape(-1, 2):
-            # A turn is seen over _STEP points to either side, so the sum counts each of them _STEP times.
+            # A turn is spread over _STEP points on either side, so the sum counts it _STEP times.
             if end - start >= _MIN_POINTS and sign * float(np.sum(turn[start:end])) / _STEP >= _MIN_TURN_DEG:
                 out.append(points[start:end])
     return out

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SMALL_PX = 4.0  # of the semi-minor axis
+SMALL_PX = 4.0  # semi-minor axis
 _AROUND_PX = 1.5
 
 
 def blob_ellipse(image: NDArray[Any], ellipse: Array) -> Array | None:
-    """The ellipse with the centre and the second moments of the blob at a rough one; None if there is none.
+    """The ellipse with the centre and second moments of the blob at a rough ellipse; None if there is no blob.
 
-    An evenly filled ellipse {S u} has the covariance S S^T / 4. Each pixel counts by how far its level lies from the
-    surroundings' (the median of a frame around the blob) to the blob's own (its most different pixel), and adds its
-    own 1/12.
+    A uniformly filled ellipse {S u} has the covariance S S^T / 4. The weight of each pixel is its level between that of
+    the surroundings (the median of a frame around the blob) and that of the blob (its most different pixel); its own
+    area adds 1/12.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
 """Confidence that a contour is the image of a circle, and the threshold below which it is not reported.
 
-The confidence is a product of four parts, each 1 where nothing speaks against a circle:
+The confidence is a product of four parts, each 1 if there is no evidence against a circle:
 
-- shape: how far from an ellipse the contour may be, an upper bound of the systematic part of its residual relative to
-  b. 0.9 % halves it: an octagon is 2.2 % off its best ellipse, a hexagon 4 %, a square 9 %, most letters O 1.5 %.
-  Small, noisy or blurred contours do not tell an octagon from a circle, and their bound says so.
-- pixels: what the model of one edge leaves of the pixels beyond their noise; a tenth of the contrast halves it.
-- coverage: the part of the contour that shows an edge; a half counts little, 95 % all.
-- contrast: the step over the noise, times the root of the number of points.
+- shape: an upper bound of the contour's systematic deviation from an ellipse, relative to b. 0.9 % halves it: an
+  octagon deviates by 2.2 % from its best ellipse, a hexagon by 4 %, a square by 9 %, most letters O by 1.5 %. Small,
+  noisy or blurred contours do not distinguish an octagon from a circle, so their bound is large.
+- pixels: residual of the single-edge model beyond the pixels' noise; a tenth of the contrast halves it.
+- coverage: the fraction of the contour that shows an edge; a half counts little, 95 % fully.
+- contrast: the step over the noise, times the square root of the number of points.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _SHAPE = 0.009
 _PIXELS = 0.10
 _NO_COVERAGE, _FULL_COVERAGE = 0.25, 0.95
 _SIGNAL = 20.0
-# A blur of sigma s leaves exp(-n^2 s^2 / (2 r^2)) of the n-th harmonic of a contour: n = 5, a pentagon's.
+# A blur of sigma s reduces the n-th harmonic of a contour by exp(-n^2 s^2 / (2 r^2)); n = 5 is that of a pentagon.
 _BLUR = 12.5
 
 _MIN_COVERAGE = 0.35
 _MIN_POINTS = 10  # fewer lie on an ellipse by chance
-_WHOLE = 0.55  # less than that is an arc, which must fit better
-_MIN_CONTRAST_DN = 2.5  # smooth light has contours of one step where it is rounded
+_WHOLE = 0.55  # a lower coverage is an arc, which must fit better
+_MIN_CONTRAST_DN = 2.5  # rounding of smooth light produces contours of one grey level
 
 
 def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> float:
-    """Confidence in [0, 1] that a contour is the image of a circle; 1: whole, with residuals at the noise.
+    """Confidence in [0, 1] that a contour is the image of a circle; 1: complete, with residuals at the noise level.
 
     Parameters
     ----------
@@ -43,11 +43,11 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> floa
     full_scale_dn : float
     """
     contrast, b, count = abs(edges.contrast_dn), float(edges.ellipse[3]), len(edges.points_px)
-    free = max(count - 5, 1)  # an ellipse takes five numbers away
+    free = max(count - 5, 1)  # an ellipse has five parameters
     grain = max(noise, 1e-3 * full_scale_dn)  # rounding, in an image without noise
     expected2 = _expected_px(edges, noise) ** 2
     residual2 = rms_distance(edges.ellipse, edges.points_px) ** 2 * count / free
-    # Two sigmas of what chance makes of the mean square of so many residuals.
+    # Two standard deviations of the mean square of this many residuals.
     bound = math.sqrt(max(0.0, residual2 - expected2) + 2.0 * expected2 * math.sqrt(2.0 / free))
     off = bound / b * math.exp(min(_BLUR * (edges.blur_px / b) ** 2, 20.0)) / _SHAPE
     misfit = math.sqrt(max(0.0, edges.noise_dn**2 - (1.3 * grain) ** 2)) / max(contrast, 1e-12) / _PIXELS
@@ -58,9 +58,9 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> floa
 
 
 def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough_px: float = 0.0) -> bool:
-    """Whether a contour may be a circle at all; what is doubtful stays, with a low confidence.
+    """Whether a contour may be a circle; doubtful contours are kept, with a low confidence.
 
-    `rough_px` is what its points may be off because they have not settled.
+    `rough_px` is the error of points that have not converged.
     """
     contrast, b, coverage = abs(edges.contrast_dn), float(edges.ellipse[3]), edges.coverage
     if not plausible(edges.ellipse, (10**9, 10**9)) or coverage < _MIN_COVERAGE or len(edges.points_px) < _MIN_POINTS:
@@ -69,24 +69,24 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough
         return False
     if contrast < 8.0 * noise and coverage < 0.75:  # in strong noise half a contour is found by chance
         return False
-    # What the model of an ellipse leaves of the pixels beyond their noise; pixels without shades leave more.
+    # Residual of the ellipse model beyond the pixels' noise; binary pixels have a larger one.
     aliased = edges.blur_px < 0.1 and b >= 4.0 and edges.noise_dn < 0.15 * contrast
     share = 0.12 if coverage >= _WHOLE else 0.03
     limit = math.hypot(1.5 * noise + 1e-3 * full_scale_dn, share * contrast)
     if edges.noise_dn > limit and not (aliased and coverage >= _WHOLE):
         return False
-    # A square is 5 % of its half side off its best ellipse, a letter O 1 to 1.5 %; lens distortion bends an ellipse by
-    # its quadratic term, 1e-4 b^2 px at the corner of a wide-angle image.
-    # Where the blur reaches across the ellipse the model itself is off by about b^2 over its size.
+    # A square deviates from its best ellipse by 5 % of its half side, a letter O by 1 to 1.5 %. Lens distortion bends
+    # an ellipse by its quadratic term, 1e-4 b^2 px at the corner of a wide-angle image.
+    # If the blur extends across the ellipse, the model is wrong by about b^2 over its size.
     allowed = 0.012 + 0.004 * b + 1.2e-4 * b * b + 0.08 * edges.blur_px**2 / b
     if aliased and edges.noise_dn > 0.06 * contrast:
-        allowed = max(allowed, 0.26)  # the rounding of an edge to whole pixels
+        allowed = max(allowed, 0.26)  # rounding of an edge to whole pixels
     return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(
         allowed + rough_px, 1.5 * _expected_px(edges, noise)
     )
 
 
 def _expected_px(edges: EdgePoints, noise: float) -> float:
-    """RMS residual that the noise of the pixels explains; what the model leaves beyond it explains nothing."""
+    """RMS residual explained by the pixels' noise; residuals of the model beyond it do not count as explained."""
     own = min(1.0, 1.5 * noise / max(edges.noise_dn, 1e-9))
     return float(np.sqrt(np.mean(edges.sigma_px**2))) * own

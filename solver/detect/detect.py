@@ -1,7 +1,7 @@
 """Detect the circles of an image: candidates, evidence along their contours, one detection for each marker.
 
-EdgeDrawing's own ellipses are only places to look: it returns a circle for ellipses as eccentric as 14.4 x 11.4 px.
-Every candidate is decided by the pixels along its contour.
+EdgeDrawing's own ellipses are only candidates: it returns a circle for ellipses as eccentric as 14.4 x 11.4 px. Every
+candidate is decided by the pixels along its contour.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from roundel.solver.fit.ellipse import FailedFit
 
 Array = NDArray[np.float64]
 
-_MIN_SUPPORT = 0.3  # of the contour that must show a step: a marker may be partly hidden
+_MIN_SUPPORT = 0.3  # fraction of the contour that must show a step: a marker may be partly hidden
 _CONFIDENT = 0.5
-_MAX_PX = 16_000_000  # larger images are searched at a whole fraction of their size, and measured as they are
-_COARSE, _BETWEEN = 4, 2  # where the soft and the noisy are looked for, when there is nothing else
-_CLEAR = 8.0  # a contrast of so many sigmas is seen without averaging
-_ROUGH_PX = 0.05  # how far off the points of a first look are
+_MAX_PX = 16_000_000  # larger images are searched at reduced size, and measured at full size
+_COARSE, _BETWEEN = 4, 2  # reduction factors for blurred and noisy contours, if nothing else is found
+_CLEAR = 8.0  # a contrast of this many sigmas is detected without averaging
+_ROUGH_PX = 0.05  # error of points that are not polished
 _CONCENTRIC, _CONCENTRIC_PX = 0.04, 0.5
-_MIN_SIDE_PX = 24  # of a reduced image
-_PATIENCE = 48  # refinements in a row that come to nothing; what follows them has less evidence still
+_MIN_SIDE_PX = 24  # smallest side of a reduced image
+_PATIENCE = 48  # consecutive failed refinements before the search ends; later candidates have even less evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class Detection:
     edges : EdgePoints
         The outermost contour.
     inner : list of EdgePoints
-        Contours concentric with it, from the outside inward: rings have them.
+        Contours concentric with it, from the outside inward, as in rings.
     edgedrawing : (5,) array or None
-        EdgeDrawing's own ellipse of this contour, where it found one.
+        EdgeDrawing's own ellipse of this contour, if it found one.
     confidence : float
-        That this is the image of a circle, 0 to 1: see `solver.confidence`.
+        Confidence that this is the image of a circle, 0 to 1: see `solver.detect.confidence`.
     """
 
     edges: EdgePoints
@@ -80,13 +80,13 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = Fal
     full_scale_dn : float
         The level at which its pixels saturate.
     polish : bool
-        Settle the edge points, see `edge_points`. Without, they are as good as deciding on them asks for: `fit_pixels`
-        starts from them, other fits want them found again.
+        Iterate the edge points to convergence, see `edge_points`. Otherwise they are only accurate enough to accept or
+        reject a contour: `fit_pixels` starts from them, other fits need converged points.
 
     Returns
     -------
     list of Detection
-        The strongest evidence first (length of contour seen, times contrast).
+        The strongest evidence first (visible contour length times contrast).
     """
     image = np.ascontiguousarray(image)
     first = max(1, math.ceil(math.sqrt(image.size / _MAX_PX)))
@@ -102,7 +102,7 @@ def detect(image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = Fal
         noise = noise_dn(level)
         segments, own = edge_drawing(grey, noise * gain, with_ellipses=factor == first)
         ellipses += [enlarged_ellipse(e, factor) for e in own]
-        # EdgeDrawing's ellipses come last, and only where there is nothing like them: the others lie closer.
+        # EdgeDrawing's ellipses come last, and only if nothing similar was found, because the others are more accurate.
         for candidates, near in ((from_segments(segments, grey.shape), 0.05), (own, 0.2)):
             likely = [c for c in candidates if plausible(c, grey.shape)]
             _refine(_Level(level, factor, noise), image, likely, near, full_scale_dn, polish, found)
@@ -118,9 +118,9 @@ def _refine(
     polish: bool,
     found: list[_Contour],
 ) -> None:
-    """Add the candidates that are circles to what is found, each once; `near`, of b, is no other contour."""
+    """Add the candidates that are circles to `found`, each once; within `near` of b it is the same contour."""
     support, polarity = contour_evidence(level.image, np.array(candidates).reshape(-1, 5))
-    # Length of contour that shows a step; of equals the left one, so that the order is always the same.
+    # Sorted by the contour length that shows a step, ties from left to right, so that the order is deterministic.
     length = [float(support[i] * (c[2] + c[3])) for i, c in enumerate(candidates)]
     order = sorted(range(len(candidates)), key=lambda i: (-length[i], candidates[i][0], candidates[i][1]))
     tried = [(float(np.sign(c.edges.contrast_dn)), c.edges.ellipse) for c in found]
@@ -144,7 +144,7 @@ def _refine(
 def _measured(
     level: _Level, image: NDArray[Any], candidate: Array, full_scale_dn: float, polish: bool
 ) -> _Contour | None:
-    """The contour at a candidate of a level: as the whole image shows it, or where it does not, as the level does."""
+    """The contour at a candidate of a level: from the full image, or from the level if the full image shows none."""
     there = _judged(level.image, candidate, level.noise, full_scale_dn, polish)
     if there is None or level.factor == 1:
         return there
@@ -152,12 +152,12 @@ def _measured(
     noise = noise_dn(image)
     here = _judged(image, there.edges.ellipse, noise, full_scale_dn, polish)
     if there.edges.blur_px < level.factor and abs(there.edges.contrast_dn) > _CLEAR * noise:
-        return here  # neither soft nor noisy: what the whole image denies was only too coarse to be told
+        return here  # neither blurred nor noisy: the reduced image was only too coarse to reject it
     return here if here and here.confidence >= min(there.confidence, _CONFIDENT) else there
 
 
 def _judged(image: NDArray[Any], candidate: Array, noise: float, full_scale_dn: float, polish: bool) -> _Contour | None:
-    # Most candidates are nothing, and a first look tells them.
+    # Most candidates are not circles, and a quick test rejects them.
     edges = edge_points(image, candidate, full_scale_dn, polish=False)
     if isinstance(edges, FailedFit) and candidate[3] < SMALL_PX:
         closer = blob_ellipse(image, candidate)
@@ -173,7 +173,7 @@ def _judged(image: NDArray[Any], candidate: Array, noise: float, full_scale_dn: 
 
 
 def _alike(one: Array, other: Array, tolerance_px: float) -> bool:
-    """Whether two ellipses are the same contour: their extreme points lie within the tolerance, wherever they are."""
+    """Whether two ellipses are the same contour: their extreme points agree within the tolerance."""
     if max(abs(one[0] - other[0]), abs(one[1] - other[1])) > tolerance_px:
         return False
     spread_one, spread_other = _half_widths(one), _half_widths(other)
@@ -181,13 +181,13 @@ def _alike(one: Array, other: Array, tolerance_px: float) -> bool:
 
 
 def _half_widths(ellipse: Array) -> Array:
-    """In x, y and the diagonals: enough to tell two ellipses of one centre apart."""
+    """Half-widths in x, y and the diagonals: enough to distinguish two ellipses with the same centre."""
     directions = np.radians(np.array([0.0, 45.0, 90.0, 135.0]) - ellipse[4])
     return np.asarray(np.hypot(ellipse[2] * np.cos(directions), ellipse[3] * np.sin(directions)))
 
 
 def _group(found: list[_Contour], ellipses: list[Array]) -> list[Detection]:
-    """Concentric contours become one detection: the outermost is the marker's."""
+    """Merge concentric contours into one detection; the outermost is the marker's."""
     remaining = sorted(found, key=lambda c: -float(c.edges.ellipse[2]))
     out = []
     while remaining:
@@ -206,10 +206,10 @@ def _group(found: list[_Contour], ellipses: list[Array]) -> list[Detection]:
 
 
 def _concentric(outer: Array, inner: Array) -> bool:
-    """Whether two ellipses may be circles about one centre in one plane.
+    """Whether two ellipses may be concentric circles in one plane.
 
-    Of such circles of radii r and s, C_outer^-1 C_inner has the eigenvalues (1, 1, s^2 / r^2) up to a common factor:
-    so in the plane, and no projection changes it. Two that are equal, and not those of the hole, make them concentric.
+    For such circles of radii r and s, C_outer^-1 C_inner has the eigenvalues (1, 1, s^2 / r^2) up to a common factor,
+    in the plane and under any projection. Two equal eigenvalues, other than those of the hole, make them concentric.
     """
     gap = np.abs(outer[:2] - inner[:2])
     widths = _half_widths(outer) - _half_widths(inner)
@@ -217,12 +217,12 @@ def _concentric(outer: Array, inner: Array) -> bool:
         return False
     product = np.linalg.solve(_conic(outer, outer), _conic(inner, outer))
     values = np.sort(np.abs(np.linalg.eigvals(product)))[::-1]
-    # A centre off by a tenth of the outer radius parts them by 1 to 2 %; an error of 0.3 px by some 0.6 px over b.
+    # An offset of a tenth of the outer radius separates them by 1 to 2 %; an error of 0.3 px by about 0.6 px over b.
     return bool(values[0] / values[1] - 1.0 <= _CONCENTRIC + _CONCENTRIC_PX / float(inner[3]))
 
 
 def _conic(ellipse: Array, frame: Array) -> Array:
-    """The conic of an ellipse, in coordinates in which `frame` is about the unit circle: digits."""
+    """The conic of an ellipse, in coordinates in which `frame` is about the unit circle, for numerical accuracy."""
     scale = float(frame[2])
     x, y = (ellipse[:2] - frame[:2]) / scale
     c, s = math.cos(math.radians(ellipse[4])), math.sin(math.radians(ellipse[4]))

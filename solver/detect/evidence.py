@@ -11,14 +11,14 @@ Array = NDArray[np.float64]
 
 _SAMPLES = 48
 _OUTWARD_PX = 2.0
-_LEAST_STEP = 0.2  # of a strong step: light may be uneven along a contour
-# The gradient of a square turns by up to 45 degrees against the normal of its ellipse, half of it by over 23.
+_LEAST_STEP = 0.2  # fraction of a strong step: light may be uneven along a contour
+# The gradient of a square deviates by up to 45 degrees from the normal of its ellipse, for half of it by over 23.
 _ALIGNED = 0.92
 _LEAST_ALIGNED = 0.7
 
 
 def contour_evidence(image: NDArray[Any], ellipses: Array) -> tuple[Array, Array]:
-    """How much of each contour shows a step of one polarity.
+    """Fraction of each contour that shows a step of one polarity.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def contour_evidence(image: NDArray[Any], ellipses: Array) -> tuple[Array, Array
     Returns
     -------
     support : (n,) array
-        Fraction of the contour with such a step; 0 where too few of the steps lie along the contour's normal.
+        Fraction of the contour with such a step; 0 if too few of the steps are along the contour's normal.
     polarity : (n,) array
         +1 for dark inside, -1 for bright inside, 0 without support.
     """
@@ -41,12 +41,12 @@ def contour_evidence(image: NDArray[Any], ellipses: Array) -> tuple[Array, Array
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     cos_t, sin_t = np.cos(t), np.sin(t)
     fx, fy = x + c * a * cos_t - s * b * sin_t, y + s * a * cos_t + c * b * sin_t
-    # Normal in the ellipse's frame: (cos t / a, sin t / b), to unit length.
+    # Normal in the ellipse's frame: (cos t / a, sin t / b), normalised.
     nx, ny = b * cos_t, a * sin_t
     length = np.hypot(nx, ny)
     nx, ny = (c * nx - s * ny) / length, (s * nx + c * ny) / length
     inward = np.minimum(2.0, 0.6 * b)
-    # Outside and inside, and to the right, left, below and above of every point.
+    # Outside, inside, right, left, below and above every point.
     offsets = [(_OUTWARD_PX * nx, _OUTWARD_PX * ny), (-inward * nx, -inward * ny)]
     offsets += [(inward * dx, inward * dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))]
     level, inside = bilinear(image, *(np.stack([f + o[i] for o in offsets]) for i, f in enumerate((fx, fy))))
@@ -54,7 +54,7 @@ def contour_evidence(image: NDArray[Any], ellipses: Array) -> tuple[Array, Array
     step = np.where(seen, level[0] - level[1], 0.0)
     gx, gy = level[2] - level[3], level[4] - level[5]
     along, steep = gx * nx + gy * ny, np.hypot(gx, gy)
-    # The upper quartile, not the median: of a contour that is half hidden the median is what hides it.
+    # The upper quartile instead of the median, which belongs to the occluder if half of the contour is hidden.
     rank = _SAMPLES * 3 // 4
     support, polarity = np.zeros(len(ellipses)), np.zeros(len(ellipses))
     for sign in (1.0, -1.0):
@@ -72,7 +72,7 @@ def contour_evidence(image: NDArray[Any], ellipses: Array) -> tuple[Array, Array
 
 
 def bilinear(image: NDArray[Any], x: Array, y: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Bilinear grey levels at points, and which of them lie in the image."""
+    """Bilinear grey levels at points, and which of them are in the image."""
     height, width = image.shape
     seen = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)

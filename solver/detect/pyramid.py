@@ -1,6 +1,6 @@
 """Image pyramid: images reduced by whole factors, and detections scaled back to full resolution.
 
-Reduction shrinks the blur and averages the noise, so contours too soft or too noisy at full size are found there.
+Reduction shrinks the blur and averages the noise, so contours that are too blurred or noisy at full size are found.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from roundel.solver.fit.edges import EdgePoints
 
 Array = NDArray[np.float64]
 
-# What cv2.resize takes; anything else goes through float32.
+# Types that cv2.resize accepts; others are converted to float32.
 _RESIZABLE = ("uint8", "uint16", "float32", "float64")
 
 
 def reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
-    """The means of squares of `factor` pixels; a remainder at the right and lower border is left out."""
+    """Means of squares of `factor` pixels; a remainder at the right and lower border is dropped."""
     height, width = (n // factor for n in image.shape)
     whole = image[: height * factor, : width * factor]
     if whole.dtype.name not in _RESIZABLE:
@@ -32,14 +32,14 @@ def reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
 
 
 def enlarged_ellipse(ellipse: Array, factor: int) -> Array:
-    """An ellipse (5,) of the reduced image in the pixels of the whole one: pixel 0 is centred at 0 in both."""
+    """An ellipse (5,) of the reduced image in pixels of the full image; the centre of pixel 0 is 0 in both."""
     scale, shift = np.array([factor, factor, factor, factor, 1.0]), (factor - 1) / 2
     return np.asarray(ellipse * scale + np.array([shift, shift, 0.0, 0.0, 0.0]))
 
 
 def enlarged(edges: EdgePoints, factor: int) -> EdgePoints:
-    """Edge points of the reduced image in the pixels of the whole one."""
-    # Of the blur there the larger pixel is a part, of the blur here this one's.
+    """Edge points of the reduced image in pixels of the full image."""
+    # `blur_px` excludes the pixel's own variance, which differs between the two images.
     variance = factor**2 * (edges.blur_px**2 + PIXEL_VARIANCE) - PIXEL_VARIANCE
     return replace(
         edges,

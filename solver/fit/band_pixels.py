@@ -1,7 +1,7 @@
 """The pixels of a band and their distances to an ellipse, with derivatives, also under lens distortion.
 
-The image is never undistorted. An ellipse of undistorted pixel coordinates has a curve in the image; a pixel's distance
-is that to the curve, in image pixels, where the blur and the pixel's square are what they are.
+The image is never undistorted. An ellipse in undistorted pixel coordinates maps to a curve in the image; a pixel's
+distance is the distance to that curve in image pixels, in which blur and pixel area are defined.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from roundel.solver.fit.ellipse_distance import foot_points
 
 Array = NDArray[np.float64]
 
-_OUTLINE = 256  # points on the distorted contour that its curvature is derived from
+_OUTLINE = 256  # points on the distorted contour that determine its curvature
 
 
 @dataclass(frozen=True, eq=False)
 class BandPixels:
-    """Pixels near a contour: the band in the image, and how each distance changes with the ellipse.
+    """Pixels near a contour: the band in the image, and the derivative of each distance by the ellipse.
 
     Attributes
     ----------
@@ -45,16 +45,16 @@ def band_pixels(band: Band, shape: Array, camera: Camera | None) -> BandPixels:
     Parameters
     ----------
     band : Band
-        The pixels; all but the pixels themselves, their values and sectors is replaced.
+        The pixels; everything except positions, values and sectors is replaced.
     shape : (5,) array
         Ellipse in undistorted pixel coordinates.
     camera : Camera or None
-        With distortion; None where image and undistorted pixels are the same.
+        With distortion; None if image and undistorted pixels are the same.
 
     Returns
     -------
     BandPixels
-        Without the pixels that the lens's model images nothing on.
+        Without the pixels outside the field of the lens model.
     """
     x, y, s11, s12, s22 = (float(v) for v in shape)
     mean, half, turn = (s11 + s22) / 2, math.hypot((s11 - s22) / 2, s12), math.atan2(s12, (s11 - s22) / 2) / 2
@@ -76,7 +76,7 @@ def band_pixels(band: Band, shape: Array, camera: Camera | None) -> BandPixels:
         imaged, lens = distort_normalised(camera, feet)
         k = camera.K[:2, :2]
         lens = k @ lens @ np.linalg.inv(k)
-        # A line element's normal is carried by the inverse transpose; its length says how the distance scales.
+        # The normal of a line element transforms by the inverse transpose; its length scales the distance.
         carried = np.linalg.solve(np.swapaxes(lens, 1, 2), normal[..., None])[..., 0]
         stretch = 1.0 / np.hypot(carried[:, 0], carried[:, 1])
         normal = carried * stretch[:, None]
@@ -84,7 +84,7 @@ def band_pixels(band: Band, shape: Array, camera: Camera | None) -> BandPixels:
         offset = band.pixel_px - denormalise(camera, imaged)
         along = offset[:, 1] * normal[:, 0] - offset[:, 0] * normal[:, 1]
         curvature, curvature_ss = _curvature_in_image(camera, ellipse, np.arctan2(sin_t, cos_t))
-        # The foot point in the image lies a little beside the image of the foot point.
+        # The foot point in the image differs slightly from the image of the foot point.
         distance = np.sum(offset * normal, axis=1) + curvature * along**2 / 2
         sound = np.isfinite(distance)
         if not np.all(sound):

@@ -1,8 +1,8 @@
 """Edge response of a defocus disc, relative to a Gaussian blur of the same variance.
 
-An aperture out of focus blurs by a disc of radius R, whose variance along any direction is R^2 / 4. Across a straight
-edge it spreads a semicircle, f(u) = 2 sqrt(R^2 - u^2) / (pi R^2). The pixel's square is small beside it: a Gaussian of
-its variance stands for it.
+Defocus blurs by a disc of radius R, whose variance along any direction is R^2 / 4. Its line spread function is a
+semicircle, f(u) = 2 sqrt(R^2 - u^2) / (pi R^2). The pixel's square is small in comparison and is approximated by a
+Gaussian of the same variance.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 
 Array = NDArray[np.float64]
 
-_STEPS = 240  # of the tables; linear interpolation then is right to 1e-4
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # of the Gaussian that stands for the pixel
+_STEPS = 240  # of the tables; linear interpolation is then accurate to 1e-4
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # of the Gaussian that approximates the pixel
 
 
 @dataclass(frozen=True, eq=False)
 class DiscMinusGauss:
-    """What replaces a Gaussian blur by a disc, at each pixel.
+    """The change from a Gaussian blur to a disc, at each pixel.
 
     Attributes
     ----------
     change : (N,) array
-        Response to the disc minus that to the Gaussian.
+        Response of the disc minus that of the Gaussian.
     slope, widening : (N,) arrays
         Its derivatives by the distance and by the blur's variance.
     moment : (N,) array
@@ -43,19 +43,19 @@ class DiscMinusGauss:
 
 
 def disc_minus_gauss(z: Array, curvature: Array, variance: float, own: float | Array) -> DiscMinusGauss:
-    """The difference at distances z from an edge, corrected for its curvature as a Gaussian blur's is.
+    """The difference at distances z from an edge, with the curvature correction of a Gaussian blur.
 
-    That correction, kappa v / 2 times the density, is the Gaussian's. For an isotropic blur of any shape it is
-    kappa / 2 times M(n) = E[u_t^2; u_n = n] (u_t, u_n its parts along and across), and M is the integral of u p(u)
-    from n on: here 2 (R^2 - n^2)^(3/2) / (3 pi R^2).
+    That correction is kappa v / 2 times the density. For an isotropic blur of any shape it is kappa / 2 times
+    M(n) = E[u_t^2; u_n = n] (u_t, u_n the components along and across the edge), and M is the integral of u p(u) from n
+    on: here 2 (R^2 - n^2)^(3/2) / (3 pi R^2).
 
     Parameters
     ----------
     z, curvature : (N,) arrays
     variance : float
-        Of the blur without the pixel, px^2: the disc that is tabulated.
+        Variance of the blur without the pixel, px^2: that of the tabulated disc.
     own : float or (N,) array
-        Variance across the edge where each pixel is; the table is scaled to it.
+        Variance across the edge at each pixel; the table is scaled to it.
     """
     radius, pixel = 2.0 * math.sqrt(variance), math.sqrt(PIXEL_VARIANCE)
     total = variance + PIXEL_VARIANCE
@@ -73,10 +73,10 @@ def disc_minus_gauss(z: Array, curvature: Array, variance: float, own: float | A
     bent = (tangential - total * density) / 2
     bent_slope = np.gradient(bent, grid[1] - grid[0])
     table = np.stack([response - ndtr(scaled), density - gauss, tangential - total * gauss, bent, bent_slope])
-    # A wider blur is the same further out. What a disc changes falls with the fourth power of its part of the spread.
+    # A wider blur scales the distances. The change by a disc falls with the fourth power of its share of the sigma.
     narrower = np.sqrt(total / (own + PIXEL_VARIANCE))
     part = np.minimum((own / (own + PIXEL_VARIANCE)) * (total / variance), 1.0) ** 2
-    # Linear interpolation in all rows at once: the grid is even.
+    # Linear interpolation in all rows at once, because the grid is uniform.
     at = np.clip((z * narrower + end) * ((_STEPS - 1) / (2 * end)), 0.0, _STEPS - 1.001)
     left = at.astype(np.int64)
     rows = table[:, left]
@@ -84,5 +84,5 @@ def disc_minus_gauss(z: Array, curvature: Array, variance: float, own: float | A
     rows *= part
     change = rows[0] + (curvature / narrower) * rows[3]
     slope = narrower * rows[1] + curvature * rows[4]
-    # By the same scaling; how the pixel's part changes is left out, a matter of 1/12 over the variance.
+    # By the same scaling; the change of the pixel's share is neglected, of order 1/12 over the variance.
     return DiscMinusGauss(change, slope, -z * slope / (2 * (own + PIXEL_VARIANCE)), rows[2] / narrower)

@@ -16,25 +16,25 @@ from roundel.solver.fit.ellipse_distance import foot_points
 Array = NDArray[np.float64]
 
 MIN_SECTORS = 12
-PLATEAU_PX = 1.5  # what is kept of the flat parts beside the edge, to know the grey levels
+PLATEAU_PX = 1.5  # width of the flat parts beside the edge that determine the grey levels
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The pixels around a contour: one entry a pixel."""
+    """The pixels around a contour, one entry per pixel."""
 
     pixel_px: Array  # (N, 2)
     value: Array
     distance: Array
     normal: Array  # (N, 2) and (N, 2): see `foot_points`
     u: Array
-    half_sum: Array  # (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2: the corners of the pixel's trapezoid
+    half_sum: Array  # (|nu_x| + |nu_y|) / 2 and (|nu_x| - |nu_y|) / 2: corners of the pixel's trapezoid
     half_difference: Array
     curvature: Array
     curvature_ss: Array
     sector: NDArray[np.int64]
     count: int
-    expected: Array  # (count,) pixels a sector would have if none lay outside the image
+    expected: Array  # (count,) pixels that a sector would have if all were inside the image
 
 
 _OF_A_PIXEL = (
@@ -52,7 +52,7 @@ _OF_A_PIXEL = (
 
 
 def sector_centres(ellipse: Array, count: int) -> tuple[Array, Array, Array]:
-    """Foot points, outer normals and unit vectors u (count, 2), as of `foot_points`, at the middle of each sector."""
+    """Foot points, outer normals and unit vectors u (count, 2), as in `foot_points`, at the middle of each sector."""
     knots, lengths = _arc(ellipse)
     t = np.interp((np.arange(count) + 0.5) / count * lengths[-1], lengths, knots)
     angle, a, b = math.radians(ellipse[4]), ellipse[2], ellipse[3]
@@ -81,13 +81,13 @@ def _arc(ellipse: Array) -> tuple[Array, Array]:
 
 
 def band_around(image: NDArray[Any], ellipse: Array, limits: tuple[float, float], count: int) -> Band:
-    """Pixels whose distance to the contour lies within the limits, and within 0.9 b of it on the inner side."""
+    """Pixels whose distance to the contour is within the limits, and within 0.9 b on the inner side."""
     height, width = image.shape
     x, y, a, b, angle_deg = (float(v) for v in ellipse)
     angle = math.radians(angle_deg)
     c, s = math.cos(angle), math.sin(angle)
     inner, outer = max(limits[0], -0.9 * b), limits[1]
-    # Bounding box of the ellipse, and the outer limit around it.
+    # Bounding box of the ellipse, extended by the outer limit.
     half_w = math.hypot(a * c, b * s) + outer + 1
     half_h = math.hypot(a * s, b * c) + outer + 1
     x0, x1 = max(0, math.floor(x - half_w)), min(width, math.ceil(x + half_w) + 1)
@@ -124,31 +124,31 @@ def band_around(image: NDArray[Any], ellipse: Array, limits: tuple[float, float]
 
 
 def within(band: Band, reach: tuple[float, float]) -> Band:
-    """The pixels of a band whose distance lies within `reach`."""
+    """The pixels of a band whose distance is within `reach`."""
     keep = (band.distance >= reach[0]) & (band.distance <= reach[1])
     span = (reach[1] - reach[0]) / max(float(np.ptp(band.distance)), 1e-9)
     return replace(kept(band, keep), expected=band.expected * min(span, 1.0))
 
 
 def by_sector(band: Band) -> Band:
-    """The same pixels, those of a sector together, sectors in order."""
+    """The same pixels, sorted by sector."""
     order = np.argsort(band.sector, kind="stable")
     return replace(band, **{name: getattr(band, name).take(order, axis=0) for name in _OF_A_PIXEL})
 
 
 def kept(band: Band, keep: NDArray[np.bool_]) -> Band:
-    """Some of a band's pixels."""
-    index = np.flatnonzero(keep)  # counted once, not for each of the arrays
+    """The selected pixels of a band."""
+    index = np.flatnonzero(keep)  # computed once instead of for each array
     return replace(band, **{name: getattr(band, name).take(index, axis=0) for name in _OF_A_PIXEL})
 
 
 def reach_of(band: Band) -> tuple[float, float] | FailedFit:
     """How far the edge and a little plateau extend inward and outward, from the mean profile along the normal.
 
-    It ends where the profile turns back: there another edge begins (the inner circle of a ring, a border nearby).
+    It ends where the profile reverses, because another edge begins there (the inner circle of a ring, a nearby border).
     """
     if len(band.value) < 4 * MIN_SECTORS:
-        return FailedFit("the contour lies outside the image")
+        return FailedFit("the contour is outside the image")
     step = 0.5
     low = float(band.distance.min())
     index = ((band.distance - low) / step).astype(np.int64)
@@ -160,7 +160,7 @@ def reach_of(band: Band) -> tuple[float, float] | FailedFit:
     where = (at[1:] + at[:-1]) / 2
     close = np.abs(where) <= 2.5
     if not np.any(close):
-        return FailedFit("the contour is too small to have an inside")
+        return FailedFit("the contour is too small to have an interior")
     polarity = 1.0 if np.sum(slope[close]) >= 0 else -1.0
     rise = polarity * slope
     top = int(np.argmax(np.where(close, rise, -np.inf)))

@@ -1,18 +1,18 @@
 """Sub-pixel edge points on the contour of an ellipse, from the raw pixels around it.
 
-Nothing is interpolated: a profile interpolated from pixels that are areas is biased by the interpolation's own kernel
-and by aliasing. Instead every pixel within a few px of the contour is predicted from its signed distance to it,
+Nothing is interpolated: a profile interpolated from area pixels is biased by the interpolation kernel and by aliasing.
+Instead every pixel within a few px of the contour is predicted from its signed distance to it,
 
     I = inside + (outside - inside) T(d - delta),
 
 with T the exact response of a square pixel to a straight edge of its orientation, blurred by a Gaussian. The contour
-is cut into sectors of about 2 px; each gets its own offset delta along the normal (Gauss-Newton), its two grey levels
-come from the sectors around it, and one blur is shared by all. The offsets give a better ellipse, the ellipse better
+is divided into sectors of about 2 px; each gets its own offset delta along the normal (Gauss-Newton), its two grey
+levels come from neighbouring sectors, and all share one blur. The offsets give a better ellipse, the ellipse better
 distances.
 
-A blurred *curved* edge does not stay in place: a point u from the edge has the distance d + u_n + u_t^2 / (2 rho), so
-that the mean over the blur shifts the half level by b^2 / (2 rho) toward the centre of curvature, where b^2 is the
-variance of the blur along the contour, the pixel's own 1/12 included. The prediction has that shift, the points do not.
+Blur shifts a *curved* edge: a point u from the edge has the distance d + u_n + u_t^2 / (2 rho), so the mean over the
+blur shifts the half level by b^2 / (2 rho) toward the centre of curvature, where b^2 is the variance of the blur along
+the contour, including the pixel's own 1/12. The prediction includes that shift, so the points are free of it.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ from roundel.solver.fit.ellipse_distance import foot_points
 Array = NDArray[np.float64]
 
 _SECTOR_PX = 2.0
-_FIRST_REACH_PX = 8.0  # how far from a candidate its edge is looked for, and its plateaus
-_LEVEL_WINDOW_PX = 10.0  # grey levels come from this far along the contour, to either side
+_FIRST_REACH_PX = 8.0  # search distance from a candidate for its edge and its plateaus
+_LEVEL_WINDOW_PX = 10.0  # grey levels come from this distance along the contour, on either side
 _MAX_ROUNDS = 6
-_SETTLED_PX = 0.005  # a round leaves about a thirtieth of its own move
-_CLOSE_PX, _CLOSE = 1.0, 0.07  # a step is small below these: in px, and of the semi-minor axis
+_SETTLED_PX = 0.005  # the error after an iteration is about a thirtieth of its step
+_CLOSE_PX, _CLOSE = 1.0, 0.07  # limits of a small step: in px, and as a fraction of the semi-minor axis
 _FIRST_STEPS, _STEPS, _LAST_STEPS = 4, 3, 3
-_SATURATED = 254.5 / 255.0  # of the full scale
+_SATURATED = 254.5 / 255.0  # fraction of the full scale
 _SATURATED_STEPS = 12
-_FIT_TOLERANCE = 1e-5  # of the size: the points move more than that in the next round
-_MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
+_FIT_TOLERANCE = 1e-5  # fraction of the size: the points move more than that in the next iteration
+_MIN_VARIANCE = 0.05**2  # a smaller blur is indistinguishable from none
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,23 +63,23 @@ class EdgePoints:
     Attributes
     ----------
     points_px : (N, 2) array
-        Image pixels (lens distortion still in them), in the order of the contour.
+        Image pixels (with lens distortion), in the order of the contour.
     sigma_px : (N,) array
-        Standard deviation along the normal that the noise of the pixels implies.
+        Standard deviation along the normal, from the noise of the pixels.
     ellipse : (5,) array
-        The ellipse through them in the image.
+        The ellipse fitted to them in the image.
     blur_px : float
-        Gaussian sigma of the blur, the pixel's aperture not included.
+        Gaussian sigma of the blur, excluding the pixel's aperture.
     contrast_dn : float
-        Median of outside minus inside, where half of it is hidden or shaded the quartile: positive for dark on light.
+        Median of outside minus inside (the quartile if half of it is hidden or shaded): positive for dark on light.
     noise_dn : float
-        RMS of what the model leaves of the pixels.
+        RMS residual of the model.
     coverage : float
         Fraction of the contour that has a point.
     trusted : (S,) array
-        Which of the sectors that the contour was cut into, from its eccentric angle 0 on, have a point.
+        Which sectors of the contour, from the eccentric angle 0 on, have a point.
     reach_px : (float, float)
-        How far the edge with a little of its plateaus extends inward (negative) and outward.
+        Extent of the edge with a part of its plateaus, inward (negative) and outward.
     """
 
     points_px: Array
@@ -96,7 +96,7 @@ class EdgePoints:
 def edge_points(
     image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0, polish: bool = True
 ) -> EdgePoints | FailedFit:
-    """Find the points of the edge along an approximate ellipse, and the ellipse through them.
+    """Find the edge points along an approximate ellipse, and fit an ellipse to them.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def edge_points(
     full_scale_dn : float
         The level at which pixels saturate.
     polish : bool
-        Repeat until the ellipse moves by less than 0.005 px. Without, it is some 0.05 px off: enough to tell whether
-        there is a contour, and for `fit_pixels` to start from.
+        Repeat until the ellipse moves by less than 0.005 px. Otherwise it is off by about 0.05 px: enough to decide
+        whether there is a contour, and as a start for `fit_pixels`.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def edge_points(
             moved_by = step
             close = min(_CLOSE_PX, _CLOSE * float(current[3]))
             if not polish and float(np.max(np.abs(jacobian @ step))) < close:
-                # So small a step moves distances linearly, to its square over twice the radius of curvature.
+                # A small step changes distances linearly, up to its square over twice the radius of curvature.
                 band = replace(band, distance=band.distance + shape_jacobian(band.normal, band.u) @ step)
                 offsets = _offsets(band, offsets.variance, full_scale_dn, False, _LAST_STEPS)
                 step = _linear_fit(offsets, jacobian, math.inf)
@@ -171,9 +171,9 @@ def _few(offsets: _Offsets) -> FailedFit | None:
 
 
 def _linear_fit(offsets: _Offsets, jacobian: Array, b_px: float) -> Array | FailedFit:
-    """Step of the shape that explains the offsets, to first order; what lies off it is no longer trusted.
+    """First-order step of the shape that explains the offsets; sectors off the ellipse are no longer trusted.
 
-    `b_px` is the semi-minor axis by which the rest is judged: a contour that is no ellipse ends here.
+    `b_px` is the semi-minor axis that scales the allowed residual; a contour that is not an ellipse fails here.
     """
     for again in (True, False):
         few = _few(offsets)
@@ -187,7 +187,7 @@ def _linear_fit(offsets: _Offsets, jacobian: Array, b_px: float) -> Array | Fail
         outside = good & (residual > max(4.0 * spread, 0.05))
         if not (again and np.any(outside)) or np.count_nonzero(good & ~outside) < 8:
             break
-        # What belongs to a neighbour, a shadow or a stain lies off the ellipse.
+        # Points of a neighbour, a shadow or a stain are off the ellipse.
         offsets.good[outside] = False
     if np.median(residual[good]) > 0.1 + 0.03 * b_px + 2.0 * float(np.median(offsets.sigma[good])):
         return FailedFit("the edge along the contour is not an ellipse")
@@ -195,7 +195,7 @@ def _linear_fit(offsets: _Offsets, jacobian: Array, b_px: float) -> Array | Fail
 
 
 def _curved_fit(offsets: _Offsets, points: Array, start: Array) -> Array | FailedFit:
-    """The ellipse through the trusted points; what lies off it is no longer trusted."""
+    """The ellipse fitted to the trusted points; points off it are no longer trusted."""
     few = _few(offsets)
     if few is not None:
         return few
@@ -228,8 +228,8 @@ def _large_enough(ellipse: Array) -> Array | FailedFit:
 
 def _found(ellipse: Array, points: Array, offsets: _Offsets, reach: tuple[float, float], feet: Array) -> EdgePoints:
     good = offsets.good
-    # Sectors count from the ellipse's own axis, and that of a near circle may have turned: to each of its sectors the
-    # nearest of those that were measured.
+    # Sectors are numbered from the ellipse's own axis, which may rotate for a near circle, so each sector takes the
+    # nearest measured one.
     mine, old = (np.arctan2(*(p - ellipse[:2]).T[::-1]) for p in (sector_centres(ellipse, len(good))[0], feet))
     mine, old = np.mod(mine - old[0], 2 * np.pi), np.mod(old - old[0], 2 * np.pi)
     nearest = np.searchsorted((old[1:] + old[:-1]) / 2, mine)
@@ -254,7 +254,7 @@ def _largest_move(before: Array, after: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Offsets:
-    """Of each sector its offset and sigma, and whether to trust it; blur, contrast, and what the model leaves."""
+    """Offset, sigma and trust of each sector; blur, contrast, and residual of the model."""
 
     delta: Array
     sigma: Array
@@ -266,7 +266,7 @@ class _Offsets:
 
 def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, steps: int) -> _Offsets:
     sector, count, value = band.sector, band.count, band.value
-    filled, starts = np.unique(sector, return_index=True)  # the pixels come sorted by sector
+    filled, starts = np.unique(sector, return_index=True)  # the pixels are sorted by sector
 
     def total(*weights: Array) -> Array:
         """Sums of the pixels of each sector, (number of weights, count)."""
@@ -277,21 +277,21 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, ste
     delta = np.zeros(count)
     window = min(max(1, round(_LEVEL_WINDOW_PX / _SECTOR_PX)), (count - 1) // 4)
     size = np.bincount(sector, minlength=count)
-    # In the first round the contour is too rough to tell what lies beyond the full scale, and in pixels without shades
-    # (an edge should have one a px) nothing can.
+    # In the first iteration the contour is too rough to identify saturated pixels; in binary pixels (an edge should
+    # have about one shade per px) they cannot be identified at all.
     low, high = float(value.min()), float(value.max())
     shades = np.count_nonzero((value > low + 0.05 * (high - low)) & (value < high - 0.05 * (high - low)))
     saturated = (value >= full_scale_dn * _SATURATED) & (not first and shades > 0.2 * count * _SECTOR_PX)
     if np.mean(saturated) > 0.1:
-        # Levels, offsets and blur are then tied to one another: they settle slowly, and take the whole contour to tell.
+        # Levels, offsets and blur are then correlated: they converge slowly, and need the whole contour.
         steps, window = _SATURATED_STEPS, (count - 1) // 2
-    # Weights of the pixels, derivative by -delta, and the inverse of what a sector knows of it: nothing at first.
+    # Weights of the pixels, derivative by -delta, and the inverse of a sector's information on it: zero at first.
     seen, lean, inverse = np.ones_like(value), np.zeros_like(value), np.zeros(count)
     for _ in range(steps):
         z, _ = curved_distance(
             band.distance - delta[sector], band.curvature, band.curvature_ss, variance + PIXEL_VARIANCE
         )
-        # A rough contour asks for no more than a Gaussian of the pixel's variance: one term instead of four.
+        # For a rough contour a Gaussian of the pixel's variance suffices: one term instead of four.
         t, slope, bend = (
             _gaussian_step(z, variance + PIXEL_VARIANCE)
             if first
@@ -309,7 +309,7 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, ste
         inside, outside = (a22 * b1 - a12 * b2) / determinant, (a11 * b2 - a12 * b1) / determinant
         height = outside - inside
         predicted = inside[sector] + height[sector] * t
-        # A saturated pixel says no more than "at least this".
+        # A saturated pixel is only a lower bound.
         seen = np.where(saturated & (predicted >= full_scale_dn), 0.0, 1.0)
         residual = seen * (value - predicted)
         step_dn = seen * height[sector]
@@ -320,14 +320,14 @@ def _offsets(band: Band, variance: float, full_scale_dn: float, first: bool, ste
         usable = information > 1e-12 * float(np.max(information, initial=0.0))
         inverse = np.where(usable, 1.0 / np.where(usable, information, 1.0), 0.0)
         delta -= np.clip(pushed * inverse, -1.0, 1.0)
-        # Its part that offsets explain is theirs.
+        # The part explained by the offsets is removed.
         widen -= lean * (widened * inverse)[sector]
         power = float(np.sum(widen**2))
         change = float(np.sum(widen * residual)) / power if power > 0 else 0.0
         variance = float(np.clip(variance + change, max(variance / 4, _MIN_VARIANCE), variance * 4))
     lower, contrast, upper = (float(v) for v in np.quantile(height, (0.25, 0.5, 0.75)))
     strong = upper if upper >= -lower else lower
-    # Half of a contour or more may be hidden, without a step, or in a shadow, with a small one.
+    # Half of a contour or more may be hidden, without a step, or in a shadow, with a small step.
     uneven = abs(contrast) < 0.3 * abs(strong)
     least = 0.1 * abs(strong) if uneven else 0.35 * abs(contrast)
     if uneven:

@@ -19,9 +19,9 @@ from roundel.solver.fit.levenberg_marquardt import minimise
 Array = NDArray[np.float64]
 Loss = Literal["none", "huber", "tukey"]
 
-MIN_POINTS = 6  # five parameters, and one point more to measure the residual with
-_FARTHEST_PX = 1e12  # beyond it a double has no digits left for an edge
-_SINGULAR = 1e-13  # of the scaled normal matrix's eigenvalues: less is rounding
+MIN_POINTS = 6  # five parameters, plus one point to measure the residual
+_FARTHEST_PX = 1e12  # beyond it float64 cannot resolve an edge
+_SINGULAR = 1e-13  # smallest ratio of the scaled normal matrix's eigenvalues: less is rounding
 # Tuning constants for 95 % efficiency on Gaussian noise: P. J. Huber, Robust Statistics (1981); Beaton & Tukey (1974).
 _TUNING = {"huber": 1.345, "tukey": 4.685}
 
@@ -35,15 +35,15 @@ class EllipseFit:
     ellipse : (5,) array
         x_px, y_px, a_px, b_px, angle_deg: semi-axes a >= b, angle from +x toward +y in [0, 180).
     cov : (5, 5) array
-        Covariance of `ellipse`, in px and degrees. Near a circle the angle is undefined: its variance has no bound.
+        Covariance of `ellipse`, in px and degrees. Near a circle the angle is undefined and its variance unbounded.
     sigma_px : float
-        RMS of the residual along the normal, over n - 5 degrees of freedom; with a robust loss, that of the points
-        that are no outliers (from the median).
+        RMS of the residual along the normal, over n - 5 degrees of freedom; with a robust loss, that of the inliers
+        (from the median).
     n : int
         Number of points.
     shape_cov : (5, 5) array
         Covariance of (x, y, S11, S12, S22), px, where the contour is {(x, y) + S u, |u| = 1} with S symmetric:
-        regular for circles too, so errors are carried on with this one.
+        regular also for circles, so use this one to propagate errors.
     residual_px : (n,) array
         Signed orthogonal distances, positive outside.
     """
@@ -58,7 +58,7 @@ class EllipseFit:
 
 @dataclass(frozen=True)
 class FailedFit:
-    """A fit that has no answer: false, and it says why."""
+    """A failed fit: falsy, with its reason."""
 
     reason: str
 
@@ -67,7 +67,7 @@ class FailedFit:
 
 
 def direct_ellipse(points_px: ArrayLike) -> Array | FailedFit:
-    """Direct least-squares fit, which always is an ellipse but shrinks under noise: a start for `fit_ellipse`.
+    """Direct least-squares fit, always an ellipse but biased toward small ones by noise: a start for `fit_ellipse`.
 
     Source: R. Halir, J. Flusser, Numerically stable direct least squares fitting of ellipses, WSCG (1998).
 
@@ -87,7 +87,7 @@ def direct_ellipse(points_px: ArrayLike) -> Array | FailedFit:
 def _direct(points: Array) -> Array | FailedFit:
     centroid = points.mean(axis=0)
     local = points - centroid
-    # Centred and scaled: the columns x^2 .. 1 then are of one size, and S3 is well conditioned.
+    # Centred and scaled, so that the columns x^2 .. 1 have similar magnitude and S3 is well conditioned.
     scale = math.sqrt(float(np.vdot(local, local)) / (2 * len(local)))
     x, y = np.ascontiguousarray(local.T) / scale
     design = np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)])
@@ -119,7 +119,7 @@ def _ellipse_of_coefficients(
     determinant = a * c - b * b
     x, y = (b * e - c * d) / determinant, (b * d - a * e) / determinant
     size = -(f + d * x + e * y) / determinant
-    # S S^T = size [[c, -b], [-b, a]], whose trace and determinant have no cancellation.
+    # S S^T = size [[c, -b], [-b, a]]; its trace and determinant are free of cancellation.
     mean, half = size * (a + c) / 2, abs(size) * math.hypot((c - a) / 2, b)
     if not mean > 0:
         return None
@@ -138,14 +138,14 @@ def fit_ellipse(
     loss: Loss = "none",
     tolerance: float = 1e-8,
 ) -> EllipseFit | FailedFit:
-    """Fit with the least sum of squared orthogonal distances (maximum likelihood for isotropic noise).
+    """Fit an ellipse by least squares of orthogonal distances (maximum likelihood for isotropic noise).
 
     Levenberg-Marquardt over (x, y, S11, S12, S22), contour {(x, y) + S u, |u| = 1}: regular for circles. With the foot
     point at u and the normal nu there, the signed distance d has the exact derivative -nu . d((x, y) + S u) at fixed u.
 
     With a robust loss the covariance is that of an M-estimator, Huber's "sandwich"
-    s^2 H^-1 (sum psi^2 j j^T) H^-1 n / (n - 5) with H = sum psi' j j^T: it holds whatever law the outliers follow, as
-    long as they lie to both sides. It knows nothing of the bias of outliers on one side.
+    s^2 H^-1 (sum psi^2 j j^T) H^-1 n / (n - 5) with H = sum psi' j j^T: it is valid for any distribution of
+    the outliers, if they are on both sides. It does not include the bias of outliers on one side.
     Source: P. J. Huber, Robust Statistics (1981), section 7.6.
 
     Parameters
@@ -154,11 +154,11 @@ def fit_ellipse(
     sigma_px : (N,) array_like, optional
         Standard deviations of the points along the normal; only their ratios matter.
     start : (5,) array_like, optional
-        An ellipse to start from; the direct fit if left out.
+        An ellipse to start from; by default the direct fit.
     loss : {"none", "huber", "tukey"}
         Robust loss on the distance over its standard deviation, scaled by the median.
     tolerance : float
-        Steps smaller than this fraction of the points' extent end the iteration.
+        The iteration ends at steps smaller than this fraction of the points' extent.
 
     Returns
     -------
@@ -167,7 +167,7 @@ def fit_ellipse(
     Raises
     ------
     ValueError
-        If `loss` is unknown: that is an error of the program, not of the points.
+        If `loss` is unknown.
     """
     if loss not in ("none", *_TUNING):
         raise ValueError(f"unknown loss {loss!r}; use none, huber or tukey")
@@ -180,7 +180,7 @@ def fit_ellipse(
     ellipse = _direct(points) if start is None else _checked_start(start)
     if isinstance(ellipse, FailedFit):
         return ellipse
-    origin = points.mean(axis=0)  # digits: far from the image's origin the centre would hide the small steps
+    origin = points.mean(axis=0)  # keeps the digits of small steps far from the image's origin
     local = points - origin
     extent = float(np.abs(local).max())
     theta = shape_of_ellipse(ellipse)
@@ -194,7 +194,7 @@ def fit_ellipse(
         None if loss == "none" else lambda residual: _loss_weight(residual, loss),
     )
     if not float(np.abs(theta).max()) < 1e4 * extent:
-        return FailedFit("the points do not bound an ellipse: the best fit grows without end")
+        return FailedFit("the points do not bound an ellipse: the best fit grows without bound")
     distance = rows[5] / inverse_sigma
     theta[:2] += origin
     if loss == "none":
@@ -221,10 +221,10 @@ def usable_points(points_px: ArrayLike) -> Array | FailedFit:
         return FailedFit("a point is not finite")
     if largest > _FARTHEST_PX:
         return FailedFit(f"a point lies at {largest:.0e} px; beyond {_FARTHEST_PX:.0e} px nothing can be measured")
-    # As complex numbers they sort by x, then y: equal ones become neighbours.
+    # Sorted as complex numbers, by x, then y, equal points are adjacent.
     ordered = np.sort(np.ascontiguousarray(points).view(np.complex128).ravel())
     distinct = 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
-    # 1e-9 of the coordinates is what rounding leaves ten million times over; closer points are one.
+    # 1e-9 of the coordinates is ten million times their rounding; closer points count as one.
     if distinct == 1 or float(np.abs(points - points[0]).max()) <= max(1e-9 * largest, 1e-100):
         return FailedFit("all points coincide")
     if distinct < MIN_POINTS:
@@ -233,12 +233,12 @@ def usable_points(points_px: ArrayLike) -> Array | FailedFit:
 
 
 def inverse_sigmas(sigma_px: ArrayLike | None, count: int) -> Array | FailedFit:
-    """1 / sigma of each point, scaled to a mean square of one; ones where no sigma is given."""
+    """1 / sigma of each point, scaled to a mean square of one; ones if no sigma is given."""
     if sigma_px is None:
         return np.ones(count)
     given = np.asarray(sigma_px, dtype=np.float64)
     if given.shape not in ((), (count,)):
-        return FailedFit(f"sigma_px must be one number a point; it has shape {given.shape} for {count} points")
+        return FailedFit(f"sigma_px must be one number per point; it has shape {given.shape} for {count} points")
     sigmas = np.broadcast_to(given, (count,))
     if not np.all(np.isfinite(sigmas) & (sigmas > 0)):
         return FailedFit("sigma_px must be positive and finite for every point")
@@ -255,7 +255,7 @@ def finished_fit(theta: Array, residual_px: Array, variance: float, shape_cov: A
         Shape parameters x, y, S11, S12, S22.
     residual_px : (N,) array
     variance : float
-        Variance of a point of relative sigma one, px^2.
+        Variance of a point with relative sigma one, px^2.
     shape_cov : (5, 5) array
         Covariance of theta.
     """
@@ -266,7 +266,7 @@ def finished_fit(theta: Array, residual_px: Array, variance: float, shape_cov: A
 
 
 def inverse_of(normal: Array) -> Array | FailedFit:
-    """Inverse of a normal matrix, scaled to a unit diagonal first; a failure where it is singular."""
+    """Inverse of a normal matrix, computed with a unit diagonal; a failure if it is singular."""
     diagonal = np.diag(normal)
     if not (np.all(np.isfinite(normal)) and np.all(diagonal > 0)):
         return FailedFit("the points do not determine an ellipse")
@@ -340,7 +340,7 @@ def _is_ellipse(theta: Array) -> bool:
 
 
 def _ellipse_by_shape(ellipse: Array) -> Array:
-    """Derivative (5, 5) of x, y, a, b, angle_deg by x, y, S11, S12, S22: dS turned into the axes' frame."""
+    """Derivative (5, 5) of x, y, a, b, angle_deg by x, y, S11, S12, S22: dS rotated into the axes' frame."""
     _, _, a, b, angle = ellipse.tolist()
     c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     turn = math.degrees(1.0) / max(a - b, 1e-12 * a)

@@ -14,7 +14,7 @@ def foot_points(ellipse: Array | tuple[float, ...], points_px: Array) -> tuple[A
     """Orthogonal projection of points on an ellipse.
 
     Newton's method on F(s) = (a x / (s + a^2 - b^2))^2 + (b y / s)^2 - 1 in the first quadrant of the ellipse's frame,
-    where F is convex and falling: from the left of the root it never overshoots.
+    where F is convex and decreasing, so that steps from the left of the root never overshoot.
     Source: D. Eberly, Distance from a point to an ellipse (2013).
 
     Parameters
@@ -35,17 +35,17 @@ def foot_points(ellipse: Array | tuple[float, ...], points_px: Array) -> tuple[A
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     local = (points_px - np.array([ellipse[0], ellipse[1]])) @ turn
     axes = np.array([a, b])
-    # On an axis the root may lie at the pole s = 0: a hair beside it the foot point is the same to 1e-12.
+    # On an axis the root may be at the pole s = 0; very close to it the foot point is the same to 1e-12.
     scaled = np.maximum(np.abs(local), 1e-12 * axes) * axes
     ax, by = np.ascontiguousarray(scaled.T)
     gap = (a - b) * (a + b)
-    # One term alone reaches 1 at the first value, so F >= 0: left of the root. Most points lie close to the contour,
-    # s = b^2, and Newton's step from there lands left of the root as well.
+    # One term alone reaches 1 at the first value, so F >= 0: left of the root. Most points are close to the contour,
+    # s = b^2, and Newton's step from there is also left of the root.
     root = np.maximum(np.maximum(by, ax - gap), _newton(ax, by, gap, np.full_like(by, b * b)))
     for _ in range(100):
         step = _newton(ax, by, gap, root) - root
         root = root + step
-        if np.max(np.abs(step) / root, initial=0.0) < 1e-8:  # the digits double: what is left is 1e-16
+        if np.max(np.abs(step) / root, initial=0.0) < 1e-8:  # convergence is quadratic: the remaining error is 1e-16
             break
     u = np.stack([ax / (root + gap), by / root], axis=1)
     gradient = u / axes

@@ -1,8 +1,8 @@
 """Grey levels inside and outside a contour: constants, or smooth functions where the pixels need them.
 
-Inside and outside each have a level that varies across the marker as a sum of smooth functions: 1; x and y (light that
-falls off); their squares (a lamp nearby); harmonics of the direction from the centre (a soft shadow, a highlight). Each
-step costs some precision of the ellipse, so it is taken only where the pixels show it (Schwarz's criterion).
+Inside and outside each have a level that varies across the marker as a sum of smooth functions: 1; x and y (light
+fall-off); their squares (a nearby lamp); harmonics of the direction from the centre (a soft shadow, a highlight). Each
+order costs some precision of the ellipse, so it is used only if the pixels show it (Schwarz's criterion).
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SIZES = (1, 3, 6, 14)  # functions a side that each order has
-_MEDIAN_SQUARE = 0.4549  # of a chi-square of one degree of freedom
+SIZES = (1, 3, 6, 14)  # functions per side of each order
+_MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
 _STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
-_NEARLY_FLAT = 0.1  # of the step
+_NEARLY_FLAT = 0.1  # fraction of the step
 
 
 @dataclass(frozen=True, eq=False)
 class Plateau:
-    """Pixels beside the edge, of one side.
+    """Pixels on one side of the edge.
 
     Attributes
     ----------
@@ -37,11 +37,11 @@ class Plateau:
     value: Array
 
     def residual(self, coefficients: Array) -> Array:
-        """What a level of these coefficients leaves of the pixels."""
+        """Residual of the pixels for a level with these coefficients."""
         return np.asarray(self.value - self.basis @ coefficients)
 
     def without_stains(self, coefficients: Array, size: int) -> Plateau:
-        """The pixels that show the level of the first `size` functions."""
+        """The pixels that match the level of the first `size` functions."""
         squares = (self.value - self.basis[:, :size] @ coefficients) ** 2
         keep = squares <= max(_STAIN / _MEDIAN_SQUARE * float(np.median(squares)), 1.0) if len(squares) else slice(None)
         return replace(self, basis=self.basis[keep, :size], value=self.value[keep])
@@ -66,36 +66,36 @@ def level_basis(pixel_px: Array, centre_px: Array, size_px: float, order: int) -
 
 
 def best_order(count: int) -> int:
-    """The most functions that so many pixels can tell apart, as an order."""
+    """The highest order that this number of pixels can determine."""
     return 3 if count > 40 * SIZES[3] else 2 if count > 40 * SIZES[2] else 1
 
 
 def first_levels(
     basis: Array, outer: Array, value: Array, nuisance: Array, plateaus: tuple[Plateau, Plateau]
 ) -> tuple[Array, Array]:
-    """Choose how many functions the levels need, and fit them, at the starting ellipse.
+    """Choose the number of functions of the levels and fit them, at the starting ellipse.
 
     Parameters
     ----------
     basis, outer : (N, k) arrays
-        The functions at the edge's pixels, and the part of each that is seen from outside the contour.
+        The functions at the edge's pixels, and the part of each that belongs to the outside of the contour.
     value : (N,) array
         Grey levels of the edge's pixels.
     nuisance : (N, m) array
-        How the prediction changes with all that will be fitted besides: what these explain is not the levels'.
+        Derivatives of the prediction by the other fitted parameters, whose share is not attributed to the levels.
     plateaus : (Plateau, Plateau)
         Inside and outside.
 
     Returns
     -------
     coefficients : (2, n) array
-        Inside and outside, of the first n functions.
+        Coefficients of the first n functions, inside and outside.
     residual : (N,) array
-        What levels and nuisances leave of the edge's pixels.
+        Residual of the edge's pixels after levels and nuisances.
     """
     most, free = basis.shape[1], nuisance.shape[1]
     design = np.concatenate([nuisance, basis - outer, outer], axis=1)
-    # About their mean the values keep their digits in the sum of squares.
+    # Relative to their mean, the values keep their digits in the sum of squares.
     values = [value, plateaus[0].value, plateaus[1].value]
     count = sum(map(len, values))
     mean = float(sum(np.sum(v) for v in values)) / count
@@ -125,18 +125,18 @@ def first_levels(
 def noise_variances(
     plateaus: tuple[Array, Array], residual: Array, response: Array, unknowns: int
 ) -> tuple[float, float]:
-    """Variances of the pixels inside and outside, dn^2, from what the model leaves of the flat parts.
+    """Variances of the pixels inside and outside, dn^2, from the model's residuals in the flat parts.
 
-    Shot noise makes the brighter side noisier. Where a side has too few pixels both get one variance.
+    Shot noise makes the brighter side noisier. If a side has too few pixels, both share one variance.
 
     Parameters
     ----------
     plateaus : (Array, Array)
         Residuals of the plateaus.
     residual, response : (N,) arrays
-        Of the edge's pixels, the nearly flat of which are counted too.
+        Of the edge's pixels, of which the nearly flat ones are included.
     unknowns : int
-        Levels fitted, both sides together.
+        Number of fitted levels, both sides together.
     """
     ends = (response < _NEARLY_FLAT, response > 1.0 - _NEARLY_FLAT)
     groups = [np.concatenate([plateau, residual[end]]) for plateau, end in zip(plateaus, ends, strict=True)]
@@ -145,7 +145,7 @@ def noise_variances(
     else:
         every = np.concatenate([*plateaus, residual])
         sides = [float(np.sum(every**2)) / max(len(every) - unknowns - 6, 1)] * 2
-    # No sensor is free of noise; a plateau without any (clipped, or made by hand) gets a thousandth of the rounding's
-    # 1/12, and not more than 64 times the weight of the other side.
+    # No sensor is free of noise. A plateau without noise (clipped or synthetic) gets a thousandth of the rounding's
+    # variance 1/12, and at most 64 times the weight of the other side.
     inside, outside = (max(v, 1e-4) for v in sides)
     return max(inside, outside / 64), max(outside, inside / 64)

@@ -1,8 +1,8 @@
 """Guaranteed ellipse fit: minimal Sampson distances among ellipses, never a hyperbola.
 
 The conic F = theta . (x^2, xy, y^2, x, y, 1) is written as theta = (1, 2p, p^2 + e^(2w), r, s, t): its discriminant
-(2p)^2 - 4 (p^2 + e^(2w)) = -4 e^(2w) is negative for every p and w. An ellipse whose far end the points do not see (a
-short arc) is regular in these parameters, where centre and axes run away together.
+(2p)^2 - 4 (p^2 + e^(2w)) = -4 e^(2w) is negative for every p and w. A short arc, which does not determine the far end
+of the ellipse, is regular in these parameters, whereas centre and axes diverge together.
 
 Source: Z. L. Szpak, W. Chojnacki, A. van den Hengel, Guaranteed ellipse fitting with a confidence region and an
 uncertainty measure for centre, axes, and orientation, J. Math. Imaging Vis. 52 (2015).
@@ -34,17 +34,17 @@ _THINNEST = math.log(1e-3)  # b / a; beyond it the ellipse is a parabola to a mi
 
 
 def guaranteed_ellipse(points_px: ArrayLike, sigma_px: ArrayLike | None = None) -> EllipseFit | FailedFit:
-    """Fit the ellipse with the least sum of squared Sampson distances F / |grad F| (approximate maximum likelihood).
+    """Fit an ellipse by least squares of Sampson distances F / |grad F| (approximate maximum likelihood).
 
-    Levenberg-Marquardt from the direct fit, on centred, scaled points turned into the direct fit's axes, x along the
-    minor one: there x^2 has the largest coefficient of an ellipse, so that making it 1 is safe.
+    Levenberg-Marquardt from the direct fit, on centred, scaled points rotated into the direct fit's axes, with x along
+    the minor one, where x^2 has the largest coefficient of an ellipse, so that it can safely be set to 1.
 
     The covariance is sigma^2 pinv5(sum u u^T / (theta^T B theta)) of the conic's coefficients, theta^T B theta =
-    |grad F|^2, carried to the shape. Five parameters have no scale to be free of, so no pseudo-inverse is needed: with
+    |grad F|^2, propagated to the shape. The five parameters have no free scale, so no pseudo-inverse is needed: with
     D = d theta / d eta it is sigma^2 (D^T [...] D)^-1. sigma^2 = J / (N - 5).
 
-    The Sampson distance is the orthogonal one to first order. Where the curvature times the noise is not small, the
-    result differs from `fit_ellipse`, which remains the maximum-likelihood fit; this one needs no foot points.
+    The Sampson distance is the orthogonal distance to first order. If the curvature times the noise is not small, the
+    result differs from `fit_ellipse`, which is the maximum-likelihood fit; this fit needs no foot points.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def guaranteed_ellipse(points_px: ArrayLike, sigma_px: ArrayLike | None = None) 
     Returns
     -------
     EllipseFit or FailedFit
-        Always an ellipse, unless the points are no input (too few, not finite, coincident, on a line or a pair of
-        lines). Points that would rather be a parabola get a very long ellipse and a covariance to match.
+        Always an ellipse, unless the points are invalid (too few, not finite, coincident, on a line or a pair of
+        lines). Points that fit a parabola better give a very long ellipse with a correspondingly large covariance.
     """
     points = usable_points(points_px)
     if isinstance(points, FailedFit):
@@ -99,10 +99,10 @@ def guaranteed_ellipse(points_px: ArrayLike, sigma_px: ArrayLike | None = None) 
 
 
 def _ellipse_of_moments(points: Array) -> Array | FailedFit:
-    """A start where the direct fit has none (points exactly on a parabola): the ellipse with the points' moments."""
+    """The ellipse with the points' moments, a start if the direct fit fails (points exactly on a parabola)."""
     centre = points.mean(axis=0)
     square, vectors = np.linalg.eigh(2.0 * (points - centre).T @ (points - centre) / len(points))
-    if not square[0] > 1e-12 * square[1]:  # a millionth of their length off the line
+    if not square[0] > 1e-12 * square[1]:  # a deviation of a millionth of their length from the line
         return FailedFit("the points lie on a line or nearly so")
     angle = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1]))
     return np.array([*centre, math.sqrt(square[1]), math.sqrt(square[0]), angle])
@@ -123,7 +123,7 @@ def _rows(eta: Array, x: Array, y: Array, inverse_sigma: Array) -> Array:
     skewed = x + p * y
     gx = 2 * skewed + r
     gy = p * (2 * skewed) + (2 * ratio2) * y + s
-    slope = np.maximum(np.hypot(gx, gy), 1e-12)  # zero at the centre alone
+    slope = np.maximum(np.hypot(gx, gy), 1e-12)  # zero only at the centre
     per = inverse_sigma / slope
     nx, ny = gx / slope, gy / slope
     rows = np.empty((6, len(x)))
@@ -152,7 +152,7 @@ def _information(eta: Array, x: Array, y: Array, inverse_sigma: Array) -> Array:
 
 
 def _is_ellipse(eta: Array) -> bool:
-    """Real and not a parabola in all but name: F at the centre is negative."""
+    """Whether the conic is a real ellipse and not practically a parabola: F at the centre is negative."""
     p, w, r, s, t = eta.tolist()
     if not (math.isfinite(p + w + r + s + t) and _THINNEST <= w < -_THINNEST):
         return False

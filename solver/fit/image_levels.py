@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_LARGEST_LEVEL = 1e9  # beyond, squares and cubes of grey levels leave float32
+_LARGEST_LEVEL = 1e9  # beyond, squares and cubes of grey levels overflow float32
 
 
 def grey_levels(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
@@ -22,7 +22,7 @@ def grey_levels(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
     Raises
     ------
     ValueError
-        If it is no image: another shape, no pixels, neither integers nor real numbers, or not all of them finite.
+        If it is not an image: wrong shape, no pixels, neither integers nor real numbers, or not finite.
     """
     pixels = np.asarray(image)
     if pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] not in (1, 3, 4)) or pixels.size == 0:
@@ -33,15 +33,15 @@ def grey_levels(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     integers = pixels.dtype.kind in "iu"
     if not integers and pixels.dtype.kind != "f":
-        raise ValueError(f"an image holds integers or real numbers, not {pixels.dtype}")
+        raise ValueError(f"an image has integers or real numbers, not {pixels.dtype}")
     low, largest = float(np.min(pixels)), float(np.max(pixels))
     if not (math.isfinite(low) and math.isfinite(largest)):
-        raise ValueError("the image holds numbers that are not finite")
+        raise ValueError("the image has values that are not finite")
     if integers and pixels.dtype.itemsize <= 2:
         full_scale = float(np.iinfo(pixels.dtype).max)
     else:
-        # Real numbers, and integers wider than any sensor's, do not say where they saturate: at 1 or at the limit of
-        # fewer bits, whichever holds them.
+        # Real numbers and very wide integers have no saturation level of their own: the smallest of 1, 255 and 65,535
+        # that contains all values is used.
         full_scale = next(v for v in (1.0, 255.0, 65535.0, largest) if v >= largest)
         pixels = pixels.astype(np.float64 if integers or pixels.dtype.itemsize > 4 else np.float32, copy=False)
         if max(-low, largest) > _LARGEST_LEVEL:

@@ -19,21 +19,21 @@ def minimise(
     smallest_step: float,
     weight_of: Callable[[Array], Array] | None = None,
 ) -> tuple[Array, Array]:
-    """Minimise the sum of squared residuals, iteratively reweighted if asked for.
+    """Minimise the sum of squared residuals, optionally with iterative reweighting.
 
     Source: D. W. Marquardt, J. SIAM 11 (1963), with the damping in units of the normal matrix's diagonal.
 
     Parameters
     ----------
     theta : (5,) array
-        Where to start; valid.
+        Valid starting value.
     rows_at : callable
-        theta to (6, N): derivatives of the residuals by theta, and below them the residuals.
+        theta to (6, N): derivatives of the residuals by theta, followed by the residuals.
     valid : callable
-        Whether theta is allowed: a step that is not is shortened.
+        Whether theta is allowed; invalid steps are shortened.
     smallest_step : float
-        A step whose elements are all smaller ends the iteration. It is taken, and the residuals follow by their
-        derivatives: evaluating them anew would change nothing.
+        The iteration ends at a step whose elements are all smaller. The step is applied, and the residuals are updated
+        by their derivatives, because another evaluation would not change them.
     weight_of : callable, optional
         Residuals (N,) to weights (N,) of their squares (a robust loss: psi(r) / r).
 
@@ -55,7 +55,7 @@ def minimise(
         while damping < 1e10 and not moved:
             try:
                 step = np.asarray(-np.linalg.solve(normal + np.diag(damping * scale), gradient), dtype=np.float64)
-            except np.linalg.LinAlgError:  # points that do not determine all five
+            except np.linalg.LinAlgError:  # the points do not determine all five parameters
                 damping *= 10.0
                 continue
             trial = theta + step

@@ -6,13 +6,13 @@ Each pixel of the band around the contour is predicted as `edges` predicts it,
 
 with the response T of a square pixel to a blurred edge and z the distance corrected for the edge's curvature
 (`scenes.step_response`). Edge points ignore that all pixels share levels and blur; here the five shape parameters, the
-blur and the levels are fitted at once by Gauss-Newton, weighted by the noise of dark and light pixels: the
-maximum-likelihood fit of Gaussian noise, close to the Cramer-Rao bound. A circle's pose has as many degrees of freedom
-as its ellipse, so this also is the maximum-likelihood pose, whatever the intrinsics.
+blur and the levels are fitted jointly by Gauss-Newton, weighted by the noise of dark and light pixels. This is the
+maximum-likelihood fit for Gaussian noise, close to the Cramer-Rao bound. A circle's pose has as many degrees of freedom
+as its ellipse, so this is also the maximum-likelihood pose for any intrinsics.
 
-The blur has a variance, a share of a circle of confusion, a change across a tilted marker, and, where the pixels show
-it, another variance along another direction (motion). Of these only the change across costs precision, 10 % of the
-centre's: the others are told apart by the two flanks of the edge, the ellipse by their middle.
+The blur has a variance, a share of a circle of confusion, a change across a tilted marker, and, if the pixels show it,
+a different variance along another direction (motion). Only the change across the marker costs precision, 10 % of the
+centre's: the flanks of the edge determine the other parameters, the middle determines the ellipse.
 """
 
 from __future__ import annotations
@@ -36,37 +36,37 @@ from roundel.solver.fit.pixel_scene import Scene, scene_of
 
 Array = NDArray[np.float64]
 
-_WIDE_BLUR = 0.2  # of the semi-minor axis
-# Levels taken from the neighbourhood, as `edges` has them, follow shadows and highlights that smooth functions miss. At
-# this ratio of what either leaves of the pixels (1 to 1.2 under smooth light) its edge points are the better.
+_WIDE_BLUR = 0.2  # fraction of the semi-minor axis
+# The local levels of `edges` follow shadows and highlights that smooth functions cannot. At this ratio of both
+# residuals (1 to 1.2 in smooth light) its edge points are more accurate.
 _UNEVEN = 1.35
 _ROUNDING_DN = 0.3
 _MAX_STEPS = 20
 _SETTLED_PX = 5e-4
-_CLOSE_PX = 0.02  # the residuals then are those of the noise
-_RELINEARISE_PX = 0.04  # distances move with the ellipse linearly, to (this)^2 / 2 rho
+_CLOSE_PX = 0.02  # within this step the residuals are those of the noise
+_RELINEARISE_PX = 0.04  # distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho
 _OUTLIER = 6.0  # sigmas at which Tukey's weight reaches zero: 98 % efficient
-_TRUST_PX = 2.0  # of a step: farther away the linear model means nothing
+_TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 
 
 @dataclass(frozen=True, eq=False)
 class PixelFit(EllipseFit):
     """An ellipse fitted to pixels.
 
-    As `EllipseFit`, with n the length of contour used in px, sigma_px the standard deviation of an edge point a px that
-    would determine the ellipse as well, and residual_px one for each trusted sector of the contour.
+    As `EllipseFit`, where n is the length of the used contour in px, sigma_px the standard deviation of one edge point
+    per px that would determine the ellipse equally well, and residual_px has one value per trusted sector.
 
     Attributes
     ----------
     blur_px : float
-        Gaussian sigma of the blur, the pixel's aperture not included.
+        Gaussian sigma of the blur, excluding the pixel's aperture.
     contrast_dn : float
         Median of outside minus inside: positive for dark on light.
     noise_dn : (float, float)
         Standard deviation of a pixel inside and outside.
     misfit : float
-        Chi-square of the edge's pixels over its degrees of freedom: 1 where noise is all that the model leaves. Beyond
-        what chance allows the covariance is raised by it, or by that of the sectors' offsets.
+        Chi-square of the edge's pixels over its degrees of freedom: 1 if the residuals are pure noise. If it exceeds
+        chance, the covariance is increased by it, or by that of the sectors' offsets.
     pixels : int
         Number of pixels used.
     """
@@ -80,7 +80,7 @@ class PixelFit(EllipseFit):
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Where Gauss-Newton ended."""
+    """The result of Gauss-Newton."""
 
     state: State
     pixels: BandPixels
@@ -100,9 +100,9 @@ def fit_pixels(
     image : (H, W) array
         Grey levels.
     edges : EdgePoints
-        The contour: where to start, and which sectors of it to trust.
+        The contour: the starting value, and which of its sectors to trust.
     camera : Camera, optional
-        With lens distortion, the ellipse is that of undistorted pixel coordinates.
+        With lens distortion, the ellipse is in undistorted pixel coordinates.
     full_scale_dn : float
         The level at which pixels saturate.
 
@@ -117,7 +117,7 @@ def fit_pixels(
     variance = max(edges.blur_px, 0.1) ** 2
     state = State(scene.theta, np.zeros(5), variance, 0.0, np.zeros(2), np.zeros(2), np.zeros((2, 1)))
     response = response_of(scene.pixels.band, scene.pixels.band.distance, state)
-    # Far from the solution what is left of blur and shape looks like more functions of the levels: ask again there.
+    # Far from the solution, errors of blur and shape resemble level functions, so the order is chosen again.
     found = _fit(state, scene.pixels, scene, response, SIZES[1], False)
     if isinstance(found, FailedFit):
         return found
@@ -126,7 +126,7 @@ def fit_pixels(
         again = _fit(found.state, found.pixels, scene, found.step.response, SIZES[1], True)
         found, smeared = (found, False) if isinstance(again, FailedFit) else (again, True)
     size = found.state.levels.shape[1]
-    # Across a blur as wide as that the functions look like the edge itself.
+    # With such a wide blur the level functions resemble the edge itself.
     wide = found.state.variance > (_WIDE_BLUR * float(edges.ellipse[3])) ** 2
     for most in SIZES[2:] if not wide else ():
         wanted = _levels(found.pixels, scene, found.step.response, most, smeared)[0].shape[1]
@@ -143,7 +143,7 @@ def fit_pixels(
 
 
 def _smear_shows(found: _Found) -> bool:
-    """Whether a blur that differs between directions explains more of the pixels than chance would."""
+    """Whether a blur that differs between directions explains more of the pixels than chance."""
     others = np.delete(np.arange(found.step.design.shape[1]), [9, 10])
     known, asked = found.step.design[:, others], found.step.design[:, 9:11]
     weighted = asked * found.weight[:, None]
@@ -158,7 +158,7 @@ def _smear_shows(found: _Found) -> bool:
 
 
 def _levels(pixels: BandPixels, scene: Scene, response: Response, most: int, smeared: bool) -> tuple[Array, Array]:
-    """Levels (2, n) of at most so many functions, and the residuals that they leave."""
+    """Levels (2, n) of at most `most` functions, and their residuals."""
     shape, blur = pixels.jacobian * response.slope[:, None], np.stack([response.widening, response.change], axis=1)
     turns = [response.smearing] if smeared else []
     nuisance = np.hstack([shape, blur, scene.place * response.widening[:, None], *turns])
@@ -171,7 +171,7 @@ def _levels(pixels: BandPixels, scene: Scene, response: Response, most: int, sme
 def _fit(
     state: State, pixels: BandPixels, scene: Scene, response: Response, most: int, smeared: bool
 ) -> _Found | FailedFit:
-    """Gauss-Newton from a state and its pixels, with at most so many functions a side of the levels."""
+    """Gauss-Newton from a state and its pixels, with at most `most` level functions per side."""
     levels, residual = _levels(pixels, scene, response, most, smeared)
     state = replace(state, levels=levels)
     size = levels.shape[1]
@@ -188,7 +188,7 @@ def _fit(
         if not np.all(np.isfinite(change)):
             return FailedFit("the pixels do not determine an ellipse")
         moved_px = float(np.max(np.abs(pixels.jacobian @ change[:5])))
-        # The blur settles last: it is counted by what it moves the edge's flanks, in steps of a third at most.
+        # The blur converges last: its step is measured by the shift of the edge's flanks, and limited to a third.
         flank_px = math.sqrt(state.variance + PIXEL_VARIANCE)
         wanted = state.moved(change)
         blurred_px = (
@@ -200,7 +200,7 @@ def _fit(
         state = wanted if part == 1.0 else state.moved(part * change)
         total = float(np.max(np.abs(pixels.jacobian @ state.change)))
         if not total < _TRUST_PX:
-            return FailedFit("the ellipse runs away from its edge points")
+            return FailedFit("the ellipse diverges from its edge points")
         largest = max(moved_px, blurred_px)
         if measured and largest < _SETTLED_PX:
             return _Found(state, pixels, step, weight, inverse, noise)
@@ -212,7 +212,7 @@ def _fit(
             if isinstance(again, FailedFit):
                 return again
             state, pixels = again
-    return FailedFit("the fit to the pixels does not settle")
+    return FailedFit("the fit to the pixels does not converge")
 
 
 def _relinearised(state: State, pixels: BandPixels, lens: Camera | None) -> tuple[State, BandPixels] | FailedFit:
@@ -226,7 +226,7 @@ def _relinearised(state: State, pixels: BandPixels, lens: Camera | None) -> tupl
 
 
 def _tukey(step: Step, weight: Array) -> Array:
-    """Tukey's robust weights, in units of the noise or of what the model leaves of the edge's own pixels if more."""
+    """Tukey's robust weights, in units of the noise or of the residual of the edge's pixels, whichever is larger."""
     ratio = np.abs(step.residual) * np.sqrt(weight)
     steep = np.abs(step.slope_dn)
     edge = (steep > 0.2 * float(np.max(steep))) & (weight > 0)
@@ -235,7 +235,7 @@ def _tukey(step: Step, weight: Array) -> Array:
 
 
 def _under_noise() -> tuple[float, float]:
-    """What Tukey's weights w make of Gaussian noise r: mean of (w r)^2, variance of the estimate against 1 / mean w.
+    """Effect of Tukey's weights w on Gaussian noise r: mean of (w r)^2, variance of the estimate against 1 / mean w.
 
     With q = 1 / _OUTLIER^2 and the moments 1, 3, 15, 105, 945 of r^2, r^4, ...; the cut at _OUTLIER sigmas is far out.
     """
@@ -251,17 +251,17 @@ def _finished(found: _Found) -> PixelFit | FailedFit:
     theta = state.theta + state.change
     power, spread = _under_noise()
     variance = noise[0] + (noise[1] - noise[0]) * step.share
-    information = step.slope_dn**2 / variance  # each pixel's, about the place of the edge
+    information = step.slope_dn**2 / variance  # of each pixel on the position of the edge
     pull = weight * step.slope_dn * step.residual
     misfit = float(np.sum(pull**2) / np.sum(information)) / power
     count = pixels.band.count
     known = np.bincount(pixels.band.sector, information, minlength=count)
     offset = np.bincount(pixels.band.sector, pull, minlength=count)
     usable = known > 1e-3 * float(np.max(known))
-    # What pixels share along the contour does not average out as noise does: it shows in the sectors' offsets.
+    # Errors shared by pixels along the contour do not average out like noise; the sectors' offsets show them.
     degrees = max(float(np.count_nonzero(usable)) - 6.0, 1.0)
     shared = float(np.sum(offset[usable] ** 2 / known[usable])) / degrees / power
-    # Chi-square scatters by sqrt(2 / n): only beyond three times that is it the model's fault.
+    # Chi-square has a standard deviation of sqrt(2 / n): only more than three of them count as an error of the model.
     effective = float(np.sum(information)) ** 2 / float(np.sum(information**2))
     raised = 1.0
     for excess, freedom in ((misfit, effective), (shared, degrees)):
@@ -272,7 +272,7 @@ def _finished(found: _Found) -> PixelFit | FailedFit:
         return FailedFit("the pixels do not determine an ellipse")
     contour_px = float(np.sum(usable)) / count * _perimeter(theta)
     sigma_px = math.sqrt(raised * contour_px / float(np.sum(known)))
-    # The prediction falls short where the contour lies farther in than the ellipse: its residual is the negative.
+    # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
     fit = finished_fit(theta, -offset[usable] / known[usable], sigma_px**2, shape_cov)
     return PixelFit(
         fit.ellipse,

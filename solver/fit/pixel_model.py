@@ -15,19 +15,19 @@ from roundel.solver.fit.grey_levels import Plateau
 
 Array = NDArray[np.float64]
 
-_MIN_VARIANCE = 0.05**2  # a sharper blur than this cannot be told from none
-_DISC_VARIANCE = 0.1  # a blur so far below the pixel's shows no shape of its own
-# How much of a disc the blur has, from Gaussian (0) to circle of confusion (1); smears lie a little beyond.
+_MIN_VARIANCE = 0.05**2  # a smaller blur is indistinguishable from none
+_DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not visible
+# Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur is slightly beyond.
 _DISC, _DISC_SIGMA, _DISC_LIMITS = 0.0, 1.0, (-1.0, 1.5)
-# A tilted plane is out of focus by more on one side: the radius changes linearly across it, usually by a few per cent.
-# A ray meets the print on one side of the edge or the other by the radius that is due at the edge, not at the pixel.
+# A tilted plane is more defocused on one side: the radius changes linearly across it, usually by a few per cent. The
+# radius at the edge, not at the pixel, decides on which side of the edge a ray meets the print.
 _GRADIENT = 0.15
 _SMEAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """The functions of the grey levels that a fit uses, and the plateaus without their stains; see `pixel_scene`."""
+    """The level functions that a fit uses, and the plateaus without stains; see `pixel_scene`."""
 
     basis: Array
     basis_slope: Array
@@ -37,24 +37,24 @@ class Light:
     smeared: bool  # whether the blur may differ between directions
 
     def residuals(self, levels: Array) -> tuple[Array, Array]:
-        """What levels (2, k) leave of the plateaus."""
+        """Residuals of the plateaus for levels (2, k)."""
         return self.inside.residual(levels[0]), self.outside.residual(levels[1])
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Parameters: shape where distances were computed, its change since, blur, levels (2, k)."""
+    """Parameters: shape at which distances were computed, its change since then, blur, levels (2, k)."""
 
     theta: Array
     change: Array
     variance: float
     disc: float
-    gradient: Array  # (2,) of the variance, by place
-    smear: Array  # (2,) of the variance, by cos and sin of twice the normal's direction
+    gradient: Array  # (2,) of the variance with respect to position
+    smear: Array  # (2,) of the variance, coefficients of cos and sin of twice the normal's direction
     levels: Array
 
     def moved(self, step: Array) -> State:
-        """After a step (11 + 2 k,), the blur kept within bounds."""
+        """The state after a step (11 + 2 k,), with the blur kept within bounds."""
         variance = float(np.clip(self.variance + step[5], max(self.variance / 4, _MIN_VARIANCE), self.variance * 4))
         disc = float(np.clip(self.disc + step[6], *_DISC_LIMITS))
         gradient = np.clip(self.gradient + step[7:9], -variance / 2, variance / 2)
@@ -74,8 +74,8 @@ class Response:
     slope, widening, change, smearing : (N,) arrays, the last (N, 2)
         Derivatives by the distance, the blur's variance, its share of a disc, and its smear.
     moment : (N,) array
-        Where the step grows by g a pixel along the normal, the response grows by g times this: light comes to a pixel
-        from where it fell. The integral of u p(u) beyond the edge, for a Gaussian variance times density.
+        If the step grows by g per pixel along the normal, the response grows by g times this, because the blur moves
+        light to the pixel. It is the integral of u p(u) beyond the edge; for a Gaussian, variance times density.
     """
 
     value: Array
@@ -88,7 +88,7 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Prediction at the present parameters: what remains of each pixel, and its derivatives."""
+    """Prediction at the current parameters: the residual of each pixel, and its derivatives."""
 
     residual: Array
     design: Array  # (N, 11 + 2 k): shape; blur's variance, disc, gradient, smear; levels inside, levels outside
@@ -105,13 +105,13 @@ def response_of(band: Band, distance: Array, state: State) -> Response:
     own: float | Array = variance
     turned = twice_turned(band)
     if np.any(state.smear):
-        # Across the edge the blur is n^T B n, along it t^T B t, and their covariance turns the edge's image.
+        # The blur is n^T B n across the edge and t^T B t along it; their covariance rotates the edge's image.
         across = turned @ state.smear
         covariance = state.smear[1] * turned[:, 0] - state.smear[0] * turned[:, 1]
         own = np.maximum(variance + across, _MIN_VARIANCE)
         whole = own + PIXEL_VARIANCE
         share = covariance**2 / whole
-        # Beyond two sigmas there is no edge left to be moved.
+        # Beyond two sigmas the edge has no influence.
         along = np.maximum(variance - across, 0.0) + PIXEL_VARIANCE - share * (1.0 - np.minimum(z * z / whole, 4.0))
         z += band.curvature / 2 * (along - total)
     response, slope, bend = step_response(z, band.half_sum, band.half_difference, own)
@@ -124,7 +124,7 @@ def response_of(band: Band, distance: Array, state: State) -> Response:
         slope += state.disc * difference.slope
         widening += state.disc * difference.widening
         moment += state.disc * difference.moment
-    # What widens the blur along the edge as well moves it; a smear takes along the edge what it adds across.
+    # A blur that also widens along the edge shifts it; a smear removes along the edge what it adds across.
     smearing = (widening - slope * (band.curvature / 2))[:, None] * turned
     widening += slope * drift
     slope *= 1.0 - band.curvature**2 * total / 4
@@ -138,7 +138,7 @@ def twice_turned(band: Band) -> Array:
 
 
 def predict(pixels: BandPixels, state: State, light: Light, response: Response | None = None) -> Step:
-    """What remains of the edge's pixels at the present parameters, and the derivatives; `response` if it is known."""
+    """Residual of the edge's pixels at the current parameters, and derivatives; pass `response` if it is known."""
     if response is None:
         distance = pixels.band.distance + pixels.jacobian @ state.change
         response = response_of(pixels.band, distance, state)
@@ -162,10 +162,10 @@ def predict(pixels: BandPixels, state: State, light: Light, response: Response |
 def gauss_newton(
     step: Step, weight: Array, light: Light, state: State, noise: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Inverse of the normal matrix, and the step; not finite where the pixels do not determine it."""
+    """Inverse of the normal matrix, and the step; not finite if the pixels do not determine it."""
     weighted = step.design * weight[:, None]
     normal, gradient = step.design.T @ weighted, weighted.T @ step.residual
-    # Where the blur is small the pixels do not tell its shape: it then is a Gaussian.
+    # If the blur is small, the pixels do not determine its shape: it is then a Gaussian.
     normal[6, 6] += _DISC_SIGMA**-2
     gradient[6] -= (state.disc - _DISC) * _DISC_SIGMA**-2
     tight = (_GRADIENT * max(state.variance, _DISC_VARIANCE)) ** -2

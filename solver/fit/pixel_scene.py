@@ -19,33 +19,33 @@ from roundel.solver.fit.grey_levels import Plateau, best_order, level_basis
 
 Array = NDArray[np.float64]
 
-_WIDER_PX = 6  # plateaus are taken this much farther than `edges` takes them, where they stay flat
+_WIDER_PX = 6  # plateaus extend this much farther than in `edges`, as long as they are flat
 _WIDER_BLURS = 2.5  # and this many sigmas of the blur
-_LAST_PX = 1.5  # of a plateau as `edges` took it: what lies beyond is compared with this
-_FLAT = 0.01  # of the contrast
-_GROUPS = 12  # directions in which a plateau's flatness is judged
-_SATURATED = 254.5 / 255.0  # of the full scale
+_LAST_PX = 1.5  # outermost part of a plateau of `edges`, with which pixels beyond it are compared
+_FLAT = 0.01  # fraction of the contrast
+_GROUPS = 12  # directions in which a plateau's flatness is tested
+_SATURATED = 254.5 / 255.0  # fraction of the full scale
 _MOST_SATURATED = 0.1
-_EDGE_SIGMAS = 5.0  # of the blur with the pixel, and a pixel's half diagonal: the step is over there
+_EDGE_SIGMAS = 5.0  # of the blur with the pixel, plus a pixel's half diagonal: the step has ended there
 _FEWEST = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a fit starts from; the functions of the grey levels are in the order in which they are taken in.
+    """The data of a fit; the level functions are in the order in which they are added.
 
     Attributes
     ----------
     theta : (5,) array
         Starting shape x, y, S11, S12, S22, in undistorted pixel coordinates.
     pixels : BandPixels
-        Those of the edge, with their distances to it.
+        The edge's pixels, with their distances to it.
     basis, basis_slope : (N, k) arrays
         The functions at the edge's pixels, and their change along the normal, 1/px.
     place : (N, 2) array
-        The foot points' places from the centre, in semi-major axes.
+        Positions of the foot points relative to the centre, in semi-major axes.
     plateaus : (Plateau, Plateau)
-        Pixels inside and outside that know of nothing but their grey level.
+        Pixels inside and outside that depend only on their grey level.
     lens : Camera or None
         With distortion.
     """
@@ -60,13 +60,13 @@ class Scene:
 
 
 def scene_of(image: NDArray[Any], edges: EdgePoints, lens: Camera | None, full_scale_dn: float) -> Scene | FailedFit:
-    """Collect the pixels along a contour: of its trusted sectors, as far from it as the plateaus are flat."""
+    """Collect the pixels along a contour: those of trusted sectors, as far out as the plateaus are flat."""
     low, high = edges.reach_px
     wider = round(_WIDER_PX + _WIDER_BLURS * edges.blur_px)
     band = band_around(image, edges.ellipse, (low - wider, high + wider), len(edges.trusted))
     used = edges.trusted[band.sector]
     if not np.any(used):
-        return FailedFit("the contour lies outside the image")
+        return FailedFit("the contour is outside the image")
     low, high = _flat_reach(band, used, edges, wider)
     used &= (band.distance >= low) & (band.distance <= high)
     saturated = band.value >= full_scale_dn * _SATURATED
@@ -105,7 +105,7 @@ def scene_of(image: NDArray[Any], edges: EdgePoints, lens: Camera | None, full_s
 
 
 def _start(band: Band, edges: EdgePoints, lens: Camera | None) -> tuple[Array, BandPixels] | FailedFit:
-    """Starting shape, in undistorted pixel coordinates, and the band's pixels about it."""
+    """Starting shape in undistorted pixel coordinates, and the pixels of the band around it."""
     if lens is None:
         return shape_of_ellipse(edges.ellipse), BandPixels(band, shape_jacobian(band.normal, band.u))
     points = undistort_px(lens, edges.points_px)
@@ -118,12 +118,12 @@ def _start(band: Band, edges: EdgePoints, lens: Camera | None) -> tuple[Array, B
 
 
 def _flat_reach(band: Band, used: NDArray[np.bool_], edges: EdgePoints, wider: int) -> tuple[float, float]:
-    """How far the plateaus go on beyond the reach of `edges`: until some directions no longer have their level."""
+    """Extent of the plateaus beyond the reach of `edges`: until some directions deviate from their level."""
     ends = []
     for sign, end in ((-1.0, edges.reach_px[0]), (1.0, edges.reach_px[1])):
         beyond = sign * (band.distance - end)
         outer = np.flatnonzero(used & (beyond > -_LAST_PX))
-        # Bin 0 is the last that `edges` took, the others are 1 px each.
+        # Bin 0 is the last one of `edges`, the others are 1 px each.
         index = np.maximum(np.ceil(beyond[outer]), 0.0).astype(np.int64) * _GROUPS
         index += band.sector[outer] * _GROUPS // band.count
         inside = index < (wider + 1) * _GROUPS

@@ -2,5 +2,5 @@
 
 exif: Focal length and its uncertainty from a photograph's EXIF
 specification: Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone
-uncertain_camera: A camera with its uncertainty: the best guess, its standard deviations, and what they rest on
+uncertain_camera: A camera with its uncertainty: the best guess, its standard deviations, and their basis
 """

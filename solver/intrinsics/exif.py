@@ -1,7 +1,7 @@
 """Focal length and its uncertainty from a photograph's EXIF.
 
-Cameras write wrong tags, editors leave outdated ones, and files are truncated. Nothing here raises: what is not
-credible is a falsy value with its reason.
+Cameras write wrong tags, editors leave outdated tags, and files are truncated. Nothing here raises: a value that is not
+credible is returned as a falsy value with its reason.
 """
 
 from __future__ import annotations
@@ -17,44 +17,44 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 
-# Between the focal length that a maker states and that of a photograph: focus alone lengthens a 5 mm lens by 1.7 % at
-# 0.3 m (v = f u / (u - f)), stabilisation and in-camera correction crop by as much. OpenSfM takes 1 % (its
-# `exif_focal_sd`); a single photograph has no others that would correct it.
+# Difference between the nominal focal length and that of a photograph: focus alone lengthens a 5 mm lens by 1.7 % at
+# 0.3 m (v = f u / (u - f)); stabilisation and in-camera correction crop by a similar amount. OpenSfM uses 1 % (its
+# `exif_focal_sd`), but a single photograph has no others that would correct it.
 MODELLING_SIGMA = 0.02
-ROUNDING_SIGMA_MM = 1.0 / math.sqrt(12.0)  # the 35-mm tag holds whole millimetres
+ROUNDING_SIGMA_MM = 1.0 / math.sqrt(12.0)  # the 35-mm tag has whole millimetres
 
 _EXIF_IFD = 0x8769
 _ORIENTATION, _MAKE = 0x0112, 0x010F
 _FOCAL_MM, _FOCAL_35MM, _DIGITAL_ZOOM = 0x920A, 0xA405, 0xA404
 _WIDTH, _HEIGHT = 0xA002, 0xA003
 _PLANE_RESOLUTION, _PLANE_UNIT = 0xA20E, 0xA210
-_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # inch, cm, mm, um; inch where nothing is said
+_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # inch, cm, mm, um; inch if unspecified
 
-_FOCAL_35MM_RANGE = (4.0, 3000.0)  # from fisheyes to the longest telescopes on a camera
-# Diagonal of 35-mm film over that of the sensor: from an 8x10-inch plate (0.13) to a sensor of 3 mm.
+_FOCAL_35MM_RANGE = (4.0, 3000.0)  # from fisheye lenses to the longest telescopes
+# Crop factor (diagonal of 35-mm film over that of the sensor): from an 8x10-inch plate (0.13) to a sensor of 3 mm.
 _CROP_FACTOR_RANGE = (0.12, 15.0)
-_ZOOM_RANGE = (1.02, 200.0)  # below, no zoom
-_SQUAREST_CROPPED = 1.55  # a little above 3:2: wider images are usually cut from a 4:3 or 3:2 sensor
+_ZOOM_RANGE = (1.02, 200.0)  # a smaller value means no zoom
+_SQUAREST_CROPPED = 1.55  # slightly above 3:2: wider images are usually cropped from a 4:3 or 3:2 sensor
 
 
 @dataclass(frozen=True)
 class ExifTags:
-    """The tags that matter here; None where one is missing or no positive number.
+    """The relevant tags; None if one is missing or not a positive number.
 
     Attributes
     ----------
     focal_35mm_mm, focal_mm : float or None
     plane_px_per_mm : float or None
-        Pixels to a millimetre of the sensor, along x.
+        Pixels per millimetre of the sensor, along x.
     digital_zoom : float
         1 for none.
     width_px, height_px : int or None
-        Of the image that the camera wrote, before anyone turned, cut or resized it.
+        Of the image that the camera wrote, before it was rotated, cropped or resized.
     make : str
     orientation : int
-        1 to 8; 1 where it is missing or absurd.
+        1 to 8; 1 if it is missing or invalid.
     problem : str
-        Why there is nothing, in one clause; empty if there is something.
+        Why there are no tags, as one clause; empty if there are any.
     """
 
     focal_35mm_mm: float | None = None
@@ -75,11 +75,11 @@ class ExifFocal:
     Attributes
     ----------
     focal_px : float
-        For the image as it is, in its own pixels.
+        In pixels of the image as stored.
     sigma : float
         Standard deviation as a fraction of it.
     basis : str
-        In words for the user.
+        Description for the user.
     """
 
     focal_px: float
@@ -89,7 +89,7 @@ class ExifFocal:
 
 @dataclass(frozen=True)
 class NoFocal:
-    """No focal length to believe in: false, and it says why."""
+    """No credible focal length: falsy, with its reason."""
 
     reason: str
 
@@ -98,16 +98,16 @@ class NoFocal:
 
 
 def read_exif(image: Image) -> ExifTags:
-    """Tags of an image that Pillow has opened; never an exception, whatever stands there."""
+    """Tags of an image that Pillow has opened; never raises, whatever the tags contain."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of corrupt blocks; `problem` says it
+        warnings.simplefilter("ignore")  # Pillow warns of corrupt blocks; `problem` reports them
         try:
             top = image.getexif()
             if not len(top):
                 return ExifTags(problem="the file has no EXIF")
-            # The focal length's own directory; some writers leave its tags in the first one.
+            # The EXIF directory has the focal length; some writers put its tags into the first directory.
             inner: dict[int, Any] = {**dict(top), **dict(top.get_ifd(_EXIF_IFD))}
-        # Pillow raises whatever a corrupt block makes of it: struct.error, KeyError, OSError, TypeError, SyntaxError...
+        # Corrupt blocks make Pillow raise many types: struct.error, KeyError, OSError, TypeError, SyntaxError...
         except Exception as error:
             return ExifTags(problem=f"its EXIF is corrupt ({type(error).__name__})")
     return _tags(inner)
@@ -133,12 +133,12 @@ def _tags(values: dict[int, Any]) -> ExifTags:
 
 
 def _pixels(number: float | None) -> int | None:
-    """Whole pixels, at least one: a rational of 1/4 is a number, and no width."""
+    """Whole pixels, at least one: a rational of 1/4 is a number but not a width."""
     return None if number is None or round(number) < 1 else round(number)
 
 
 def _number(value: Any) -> float | None:
-    """A finite positive number below 1e9, or None: rationals with a zero denominator come as NaN, or as an error."""
+    """A finite positive number below 1e9, or None: rationals with a zero denominator are NaN or raise."""
     if isinstance(value, (tuple, list)) and len(value) == 1:
         value = value[0]
     if isinstance(value, (str, bytes, tuple, list, dict)) or value is None:
@@ -151,21 +151,22 @@ def _number(value: Any) -> float | None:
 
 
 def focal_of_exif(tags: ExifTags, width_px: int, height_px: int) -> ExifFocal | NoFocal:
-    """Focal length of a photograph in its own pixels, with its spread.
+    """Focal length of a photograph in its own pixels, with its standard deviation.
 
-    The 35-mm equivalent stands for an equal diagonal angle of view (CIPA DCG-001; errata, section 4). Its whole
-    millimetres, a modelling error of 2 % and, for images wider than 3:2, the doubt whether it means the image or
-    the 4:3 sensor that the image was cut from, make up its spread. Where a focal length in millimetres and the
-    resolution of the focal plane agree with it to 5 %, they are taken for their finer digits.
+    The 35-mm equivalent means an equal diagonal angle of view (CIPA DCG-001; errata, section 4). Its standard deviation
+    combines the rounding to whole millimetres, a modelling error of 2 % and, for images wider than 3:2, the uncertainty
+    whether it refers to the image or to the 4:3 sensor from which the image was cropped. If a focal length in
+    millimetres and the resolution of the focal plane agree with it to 5 %, they are used for their finer digits.
 
-    Digital zoom: some cameras put it into the 35-mm equivalent (Apple's do), some do not, and no tag tells which. The
-    sensor that each reading implies may; else the middle is taken, with a spread that covers both.
+    Digital zoom: some cameras include it in the 35-mm equivalent (Apple's do), some do not, and no tag tells which. The
+    sensor size implied by each interpretation may decide; otherwise the mean is used, with a standard deviation that
+    covers both.
 
     Parameters
     ----------
     tags : ExifTags
     width_px, height_px : int
-        Of the image as it is, turned upright or not.
+        Size of the image, in either orientation.
     """
     if tags.problem:
         return NoFocal(tags.problem)
@@ -186,11 +187,11 @@ def focal_of_exif(tags: ExifTags, width_px: int, height_px: int) -> ExifFocal | 
 
 
 def _cut(tags: ExifTags, long_px: int, short_px: int) -> str:
-    """Whether the image is no longer the one that the camera wrote, in one clause; resizing does no harm."""
+    """Whether the image was cropped after the camera wrote it, as one clause; resizing does not matter."""
     if tags.width_px is None or tags.height_px is None:
         return ""
     was = max(tags.width_px, tags.height_px) / min(tags.width_px, tags.height_px)
-    if abs(math.log(was * short_px / long_px)) <= 0.02:  # a pixel of rounding in the smallest thumbnails
+    if abs(math.log(was * short_px / long_px)) <= 0.02:  # rounding by a pixel in the smallest thumbnails
         return ""
     return f"the image was cut after its EXIF was written ({tags.width_px}x{tags.height_px} px then)"
 
@@ -201,7 +202,7 @@ def _focal_by_equivalent(tags: ExifTags, long_px: int, short_px: int) -> ExifFoc
         return NoFocal("its EXIF has no 35-mm equivalent focal length")
     if not _FOCAL_35MM_RANGE[0] <= stated <= _FOCAL_35MM_RANGE[1]:
         return NoFocal(f"its EXIF has an absurd 35-mm equivalent focal length, {stated:g} mm")
-    # Each reading of the zoom: the equivalent focal length, and without zoom, of which the sensor's size follows.
+    # For each interpretation of the zoom: the equivalent focal length, and the one without zoom, for the sensor size.
     readings = [(stated, stated / zoom)]
     if zoom > 1 and tags.make.lower() != "apple":
         readings.append((stated * zoom, stated))
@@ -216,7 +217,7 @@ def _focal_by_equivalent(tags: ExifTags, long_px: int, short_px: int) -> ExifFoc
             )
     logs = [math.log(equivalent) for equivalent, _ in readings]
     focal_35mm_mm, doubt = math.exp(sum(logs) / len(logs)), (max(logs) - min(logs)) / 2
-    if doubt > 0.5:  # no normal distribution, and no belief, about a positive number
+    if doubt > 0.5:  # too uncertain for a normal distribution of a positive number
         return NoFocal(f"its EXIF has digital zoom {zoom:g}, which the {stated:g} mm stated may or may not include")
     diagonal_px = math.hypot(long_px, short_px)
     crop_doubt = math.log(1.25 * long_px / diagonal_px) / 2 if long_px > _SQUAREST_CROPPED * short_px else 0.0
@@ -234,7 +235,7 @@ def _focal_by_plane_px(tags: ExifTags, long_px: int) -> float | None:
         return None
     written_px = max(tags.width_px, tags.height_px) if tags.width_px and tags.height_px else long_px
     sensor_mm = written_px / tags.plane_px_per_mm
-    # Some cameras mistake the unit: what is no size of a sensor is not taken for one.
+    # Some cameras write a wrong unit: implausible sensor sizes are rejected.
     if not 2.0 <= sensor_mm <= 300.0:
         return None
     focal_px = tags.focal_mm * tags.plane_px_per_mm * tags.digital_zoom * long_px / written_px

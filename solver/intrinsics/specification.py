@@ -1,7 +1,7 @@
 """Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone.
 
 The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones (the paper; errata,
-section 4). What is assumed says how firmly and on what ground: `solver.assumed_camera`.
+section 4). Assumed cameras come with their uncertainty and basis, see `uncertain_camera`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 FILM_WIDTH_MM = 36.0
 
-# Of each coordinate of a principal point that is taken to be the centre, as a fraction of the longer side. OpenSfM's
-# prior for photographs is the same (`principal_point_sd`, 0.01); stabilised lenses move by as much from shot to shot.
+# Standard deviation of each coordinate of a principal point assumed at the centre, as a fraction of the longer side.
+# OpenSfM's prior for photographs is the same (`principal_point_sd`, 0.01); stabilised lenses move by as much.
 PRINCIPAL_SIGMA = 0.01
 
 Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
@@ -54,16 +54,16 @@ class Intrinsics:
     Attributes
     ----------
     label : str
-        As it stands in the records; never a path.
+        As in the records; never a path.
     kind : str
     factor : float
         Of `scaled`.
     convention : str
-        What 35-mm equivalence compares: `diagonal`, `width`, or the diagonal of the whole 4:3 sensor (`crop43`).
+        Quantity that 35-mm equivalence compares: `diagonal`, `width`, or the diagonal of the 4:3 sensor (`crop43`).
     camera : Camera or None
         Of `calibrated`.
     focal, focal_sigma : float
-        Of `focal` (px) and `focal35` (mm), the spread as a fraction of the focal length.
+        Of `focal` (px) and `focal35` (mm); the standard deviation is a fraction of the focal length.
     """
 
     label: str
@@ -76,28 +76,28 @@ class Intrinsics:
 
 
 def parse_intrinsics(text: str) -> Intrinsics:
-    """Read one `--intrinsics` argument.
+    """Parse one `--intrinsics` argument.
 
-    - `true`: the frame's own camera; `scaled:X`: that with its focal lengths times X;
+    - `true`: the frame's true camera; `scaled:X`: the true camera with its focal lengths times X;
     - `calibrated:FILE`: a camera file, as `roundel calibrate` writes it;
     - `default`, `default:width`, `default:crop43`: the default phone, by the three conventions of 35-mm equivalence;
     - `exif`: the focal length of the file's EXIF;
-    - `focal:PX`, `focal35:MM`: a focal length of the user's, in pixels or as a 35-mm equivalent; what follows `+-` is
-      its standard deviation, in the same unit or in per cent: `focal:3100+-60`, `focal35:26+-4%`. Without it, it is
+    - `focal:PX`, `focal35:MM`: a given focal length, in pixels or as a 35-mm equivalent; `+-` precedes its standard
+      deviation, in the same unit or in per cent: `focal:3100+-60`, `focal35:26+-4%`. Without it, the focal length is
       taken as exact.
 
     Raises
     ------
     UsageError
-        If it is none of these, a number is no positive number, or there is no such file.
+        If it is none of these, a number is not positive, or there is no such file.
     DataError
-        If the file holds no camera.
+        If the file is not a camera file.
     """
     text = text.strip()
     name, colon, value = text.partition(":")
     if name == "calibrated":
         if not value:
-            raise UsageError("--intrinsics calibrated: name the camera file, as calibrated:FILE")
+            raise UsageError("--intrinsics calibrated: give the camera file, as in calibrated:FILE")
         return _calibrated(Path(value))
     if name == "scaled":
         return _scaled(value)
@@ -130,7 +130,7 @@ def _positive(text: str) -> float | None:
 def _scaled(value: str) -> Intrinsics:
     factor = _positive(value)
     if factor is None:
-        raise UsageError(f"--intrinsics scaled:{value}: the factor must be a positive number, as scaled:0.7")
+        raise UsageError(f"--intrinsics scaled:{value}: the factor must be a positive number, for example scaled:0.7")
     return Intrinsics(f"scaled:{factor:g}", "scaled", factor=factor)
 
 
@@ -138,16 +138,16 @@ def _focal(kind: Literal["focal", "focal35"], value: str, unit: str, example: st
     first, spread, last = value.replace("±", "+-").partition("+-")
     focal = _positive(first.strip().removesuffix(unit))
     if focal is None:
-        raise UsageError(f"--intrinsics {kind}:{value}: give a positive focal length in {unit}, as {example}")
+        raise UsageError(f"--intrinsics {kind}:{value}: give a positive focal length in {unit}, for example {example}")
     if not spread:
         return Intrinsics(f"{kind}:{focal:g}", kind, focal=focal)
     per_cent = last.strip().endswith("%")
     sigma = _positive(last.strip().removesuffix("%").removesuffix(unit))
-    # Beyond a half of itself a normal distribution is no belief about a positive number.
+    # A standard deviation of more than half the value does not suit a normal distribution of a positive number.
     if sigma is None or (sigma := sigma / 100 if per_cent else sigma / focal) > 0.5:
         raise UsageError(
-            f"--intrinsics {kind}:{value}: after +- give its standard deviation, in {unit} or %, at most half of it, "
-            f"as {example}"
+            f"--intrinsics {kind}:{value}: give its standard deviation after +-, in {unit} or %, at most half of it, "
+            f"for example {example}"
         )
     shown = f"{100 * sigma:g}%" if per_cent else f"{sigma * focal:g}"
     return Intrinsics(f"{kind}:{focal:g}+-{shown}", kind, focal=focal, focal_sigma=sigma)
@@ -170,35 +170,35 @@ def _calibrated(path: Path) -> Intrinsics:
 
 
 def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
-    """The camera alone of `uncertain_camera_for`."""
+    """The camera of `uncertain_camera_for`."""
     return uncertain_camera_for(spec, camera, width_px, height_px).camera
 
 
 def uncertain_camera_for(
     spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int, exif: ExifTags | None = None
 ) -> UncertainCamera:
-    """The camera to estimate with, and how well it is known.
+    """The camera to estimate with, and its uncertainty.
 
     Parameters
     ----------
     spec : Intrinsics
     camera : Camera or None
-        The frame's own, where it is known.
+        The frame's true camera, if it is known.
     width_px, height_px : int
         Size of the image.
     exif : ExifTags, optional
-        Of a photograph; a dataset's frame has its 35-mm equivalent in `camera`.
+        Tags of a photograph; for a frame of a dataset, `camera` has the 35-mm equivalent.
 
     Returns
     -------
     UncertainCamera
-        What is assumed has a centred principal point, square pixels and no distortion. `scaled` multiplies fx and fy
-        and keeps the rest. `true`, `scaled` and `calibrated` are taken as exact: their spreads are 0.
+        Assumed cameras have a centred principal point, square pixels and no distortion. `scaled` multiplies fx and fy
+        and keeps the rest. `true`, `scaled` and `calibrated` are taken as exact: their standard deviations are 0.
 
     Raises
     ------
     UsageError
-        If the frame's camera is needed and not known, has no EXIF focal length, or the file is of another image size.
+        If the frame's camera is required but unknown, has no EXIF focal length, or the file is for another image size.
     """
     size = (width_px, height_px)
     if spec.kind == "calibrated":
@@ -233,7 +233,7 @@ def _check_size(spec: Intrinsics, size: tuple[int, int]) -> None:
     assert spec.camera is not None
     calibrated = (spec.camera.width_px, spec.camera.height_px)
     if calibrated != size:
-        turned = "; the photograph is turned upright by its EXIF" if calibrated == size[::-1] else ""
+        turned = "; the photograph was turned upright according to its EXIF" if calibrated == size[::-1] else ""
         raise UsageError(
             f"--intrinsics {spec.label}: calibrated for {calibrated[0]}x{calibrated[1]} px, "
             f"but the image has {size[0]}x{size[1]}{turned}; calibrate at the size of the images"
@@ -258,7 +258,7 @@ def _spread(sigma: float) -> str:
 
 
 def focal_px_of(focal_35mm_mm: float, width_px: int, height_px: int, by_width: bool = False) -> float:
-    """Focal length in pixels of a 35-mm-equivalent one: the same diagonal angle of view, or the same horizontal one.
+    """Convert a 35-mm-equivalent focal length to pixels, by equal diagonal or horizontal angle of view.
 
     Source: errata, section 4 (CIPA DCG-001 and EXIF's FocalLengthIn35mmFilm mean the diagonal). Portrait or landscape
     makes no difference: the longer side counts as the width.
@@ -270,7 +270,7 @@ def _focal_px(focal_35mm_mm: float, size: tuple[int, int], convention: Conventio
     long_px, short_px = max(size), float(min(size))
     if convention == "width":
         return focal_35mm_mm * long_px / FILM_WIDTH_MM
-    if convention == "crop43":  # an image that is no wider than 4:3 is the whole sensor
+    if convention == "crop43":  # an image not wider than 4:3 is the whole sensor
         short_px = max(short_px, 0.75 * long_px)
     return focal_35mm_mm * math.hypot(long_px, short_px) / FILM_DIAGONAL_MM
 

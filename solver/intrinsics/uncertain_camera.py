@@ -1,4 +1,4 @@
-"""A camera with its uncertainty: the best guess, its standard deviations, and what they rest on."""
+"""A camera with its uncertainty: the best guess, its standard deviations, and their basis."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from roundel.scenes.camera.model import Camera
 
 @dataclass(frozen=True)
 class UncertainCamera:
-    """A camera to estimate with, and how well it is known.
+    """A camera to estimate with, and its uncertainty.
 
     Attributes
     ----------
     camera : Camera
-        Its best guess.
+        The best guess.
     focal_sigma : float
-        Standard deviation of the focal length, as a fraction of it; 0 where it is taken as exact.
+        Standard deviation of the focal length, as a fraction of it; 0 if it is taken as exact.
     principal_sigma_px : float
-        Standard deviation of each coordinate of the principal point; 0 where it is taken as exact.
+        Standard deviation of each coordinate of the principal point; 0 if it is taken as exact.
     basis : str
-        What the numbers rest on, in words for the user.
+        The basis of the numbers, for the user.
     """
 
     camera: Camera

@@ -32,15 +32,15 @@ def locate(
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
-        Integer levels, or real numbers up to 1, 255 or 65,535; colours are averaged, a fourth channel is left out.
-        Levels are taken as proportional to light: of a photograph, `read_photo` undoes the curve.
+        Integer levels, or real numbers up to 1, 255 or 65,535; colours are averaged, a fourth channel is ignored.
+        Levels must be proportional to light; for photographs, `read_photo` undoes the encoding.
     diameter_m : float
-        Outer diameter of the printed circles; 1 for an unknown one, and lengths are in diameters.
+        Outer diameter of the printed circles; pass 1 if it is unknown to get lengths in diameters.
     camera : Camera or UncertainCamera, optional
-        A `Camera` is taken as exact. Left out: the default phone's focal length with its spread, a centred principal
-        point, square pixels, no distortion.
+        A `Camera` is taken as exact. Default: the default phone's focal length with its standard deviation, a centred
+        principal point, square pixels, no distortion.
     knowledge : str, Evidence, a sequence of them, or None
-        What is known of the pose, see `choose`.
+        Prior knowledge of the pose, see `choose`.
     method : str
         See `roundel.solver.methods.registry.installed_methods`.
 
@@ -52,9 +52,9 @@ def locate(
     Raises
     ------
     ValueError
-        If the image is not one, the diameter is not positive, or the camera is not one or of another image size.
+        If the image or camera is invalid, the diameter is not positive, or the camera is for another image size.
     UsageError
-        If the knowledge or the method is of no known kind.
+        If the knowledge or the method is unknown.
     """
     grey, full_scale_dn = grey_levels(image)
     diameter_m = _diameter(diameter_m)
@@ -71,7 +71,7 @@ def locate(
 
 
 def _camera(camera: Camera | UncertainCamera | None, width_px: int, height_px: int) -> tuple[str, UncertainCamera]:
-    """The label of the intrinsics, and the camera with its spreads."""
+    """The label of the intrinsics, and the camera with its standard deviations."""
     if camera is None:
         return "default", uncertain_camera_for(parse_intrinsics("default"), None, width_px, height_px)
     uncertain = camera if isinstance(camera, UncertainCamera) else UncertainCamera(camera)
@@ -84,7 +84,7 @@ def _diameter(diameter_m: float) -> float:
         value = float(diameter_m)
     except (TypeError, ValueError, OverflowError):
         value = math.nan
-    if not 1e-100 < value < 1e100:  # its square is in the covariance; NaN is no number between
+    if not 1e-100 < value < 1e100:  # its square is in the covariance; the comparison also rejects NaN
         raise ValueError(f"the diameter must be a positive number of metres, not {diameter_m!r}")
     return value
 
@@ -94,10 +94,10 @@ def _check_camera(camera: Camera, width_px: int, height_px: int) -> None:
         raise ValueError(f"the camera must be a roundel.scenes.camera.model.Camera, not {type(camera).__name__}")
     problem = camera_problem(camera)
     if problem:
-        raise ValueError(f"the camera is not one: {problem}")
-    # Its principal point and focal length are in pixels of another image: the pose would only look right.
+        raise ValueError(f"the camera is invalid: {problem}")
+    # Principal point and focal length in pixels of another image size would give a plausible but wrong pose.
     if (camera.width_px, camera.height_px) != (width_px, height_px):
         raise ValueError(
-            f"the camera is of {camera.width_px}x{camera.height_px} px, but the image has {width_px}x{height_px}; "
-            "give the camera at the size of the image"
+            f"the camera is for {camera.width_px}x{camera.height_px} px, but the image has {width_px}x{height_px}; "
+            "give the camera for the size of the image"
         )

@@ -10,12 +10,12 @@ from roundel.solver.methods.plugin import Found, View
 
 
 def _detector(grey: NDArray[np.uint8]) -> cv2.SimpleBlobDetector:
-    """`cv2.SimpleBlobDetector` with two of its limits moved, and its own filter of circularity on."""
+    """`cv2.SimpleBlobDetector` with two changed limits and its circularity filter enabled."""
     parameters = cv2.SimpleBlobDetector.Params()
-    # Its areas end at 5,000 px, a disc of 80 px; and two dots nearer than 10 px are one to it.
+    # By default it limits areas to 5,000 px, a disc of 80 px, and merges two dots closer than 10 px.
     parameters.minArea, parameters.maxArea = 25.0, float(grey.size)
     parameters.minDistBetweenBlobs = 2.0
-    # A circle tilted by 63 degrees has 0.80, a square 0.785: without it, sheets of paper are blobs, too.
+    # A circle tilted by 63 degrees has 0.80, a square 0.785; without the filter, sheets of paper are also blobs.
     parameters.filterByCircularity, parameters.minCircularity = True, 0.8
     return cv2.SimpleBlobDetector.create(parameters)
 

@@ -1,7 +1,7 @@
 """The plug-in interface for third-party methods: `View` in, `Found` out, and its checks (docs/your-own-method.md).
 
-A method is a callable `find(view)` that returns a list of `Found`. It sees what a solver may see: the image, a camera,
-and what is printed. The smallest example finds centres only:
+A method is a callable `find(view)` that returns a list of `Found`. It gets the data available to a solver: the image, a
+camera, and the printed markers. The smallest example finds centres only:
 
     import cv2
     from roundel.solver.methods.plugin import Found, View
@@ -29,25 +29,25 @@ from roundel.scenes.geometry.pose import camera_from_marker_of
 Array = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-6
-# A printed circle seen smaller than this cannot have been detected: its pose is in other units.
+# A circle whose image is smaller than this cannot have been detected: its pose must be in other units.
 LEAST_SEMI_AXIS_PX = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a method may see of a frame. Every call gets its own copy.
+    """The data of a frame that a method gets. Every call gets its own copy.
 
     Attributes
     ----------
     image : (H, W) or (H, W, 3) array
-        uint8 or uint16, as the camera delivered it: RGB, lens distortion and the sensor's curve still in it.
+        uint8 or uint16, as delivered by the camera: RGB, with lens distortion and the sensor's response curve.
     camera : Camera
-        The intrinsics that `--intrinsics` asks for: `K`, `distortion`, `distortion_model`, `width_px`, `height_px`.
-        With `default` or `scaled:0.7` they are not the true ones.
+        The intrinsics given by `--intrinsics`: `K`, `distortion`, `distortion_model`, `width_px`, `height_px`. With
+        `default` or `scaled:0.7` they differ from the true intrinsics.
     diameter_m : float
         Outer diameter of the printed circle.
     markers : list of dict
-        What is printed: `marker_id`, `kind`, `diameter_m`, `layout`. No pose.
+        The printed markers: `marker_id`, `kind`, `diameter_m`, `layout`; without poses.
     saturation_dn : float
         The level at which pixels saturate.
     """
@@ -60,7 +60,7 @@ class View:
 
     @property
     def grey(self) -> NDArray[np.uint8]:
-        """The image as (H, W) uint8, colours averaged: what OpenCV's detectors take."""
+        """The image as (H, W) uint8 with averaged colours, as OpenCV's detectors need it."""
         levels = self.image if self.image.ndim == 2 else self.image[..., :3].mean(axis=-1)
         if levels.dtype == np.uint8:
             return np.ascontiguousarray(levels)
@@ -69,20 +69,20 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One detection: of pose, ellipse and centre, whatever the method has; at least one of them.
+    """One detection, with at least one of pose, ellipse and centre.
 
     Attributes
     ----------
     poses : sequence of (normal, centre_m)
-        None, one or both of the two candidates. `normal`: unit vector out of the printed face, toward the camera, in
-        OpenCV's camera frame (x right, y down, z forward); `centre_m`: the circle's centre there, in metres.
+        Zero, one or both of the two candidates. `normal`: unit vector out of the printed face, toward the camera, in
+        OpenCV's camera frame (x right, y down, z forward); `centre_m`: the circle's centre in that frame, in metres.
     ellipse : (5,) array_like, optional
         x_px, y_px, a_px, b_px, angle_deg of the circle's image: semi-axes a >= b, the angle from +x toward +y. In
         undistorted pixel coordinates of `view.camera`. Without poses, both are computed from it.
     centre_px : (2,) array_like, optional
         Image of the circle's centre in the delivered image. Pixel (0, 0) is the centre of the top-left pixel.
     chosen : int, optional
-        Which of two poses the method means; one alone is meant.
+        Index of the pose that the method chooses; a single pose is always chosen.
     confidence : float, optional
         0 to 1.
     """
@@ -99,7 +99,7 @@ Finder = Callable[[View], Sequence[Found]]
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A detection after its check: float64 arrays, candidates in the order of the conventions."""
+    """A checked detection: float64 arrays, candidates in the order of the conventions."""
 
     normal: Array | None
     centre_m: Array | None
@@ -110,15 +110,15 @@ class Checked:
 
 
 def check_found(found: object, view: View) -> Checked:
-    """A method's answer, if it can be one.
+    """Check one detection of a method.
 
     Raises
     ------
     ValueError
-        With one clause that says what is wrong with it.
+        If it is invalid; the message is one clause with the reason.
     """
     if not isinstance(found, Found):
-        raise ValueError(f"it is a {type(found).__name__}, and not a roundel.solver.methods.plugin.Found")
+        raise ValueError(f"it is a {type(found).__name__}, not a roundel.solver.methods.plugin.Found")
     ellipse = None if found.ellipse is None else _numbers("ellipse", found.ellipse, 5)
     if ellipse is not None and not ellipse[2] >= ellipse[3] > 0:
         raise ValueError(
@@ -130,7 +130,7 @@ def check_found(found: object, view: View) -> Checked:
         raise ValueError("it has neither a pose nor an ellipse nor a centre")
     confidence = None if found.confidence is None else float(_numbers("confidence", [found.confidence], 1)[0])
     if confidence is not None and not 0 <= confidence <= 1:
-        raise ValueError(f"its confidence is {confidence:g}; it is a number from 0 to 1")
+        raise ValueError(f"its confidence is {confidence:g}; it must be from 0 to 1")
     return Checked(normal, centre, ellipse, centre_px, chosen, confidence)
 
 
@@ -138,7 +138,7 @@ def _numbers(name: str, value: ArrayLike, count: int) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"its {name} is not {count} numbers: {first_line(error)}") from error
+        raise ValueError(f"its {name} must be {count} numbers: {first_line(error)}") from error
     if array.shape != (count,):
         raise ValueError(f"its {name} has shape {array.shape}, not ({count},)")
     if not np.all(np.isfinite(array)):
@@ -152,9 +152,9 @@ def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | 
     except TypeError as error:
         raise ValueError(f"its poses are not pairs (normal, centre_m): {first_line(error)}") from error
     if len(pairs) > 2:
-        raise ValueError(f"it has {len(pairs)} poses; a circle has two at most")
+        raise ValueError(f"it has {len(pairs)} poses; a circle has at most two")
     if found.chosen is not None and found.chosen not in range(len(pairs)):
-        raise ValueError(f"chosen is {found.chosen!r}, and it has {len(pairs)} poses")
+        raise ValueError(f"chosen is {found.chosen!r}, but it has {len(pairs)} poses")
     if not pairs:
         return None, None, None
     for normal, centre in pairs:
@@ -164,14 +164,14 @@ def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | 
         if centre[2] <= 0:
             raise ValueError(f"its centre is behind the camera (z = {centre[2]:.6g} m)")
         if normal @ centre >= 0:
-            raise ValueError("its normal points away from the camera; it is to point out of the printed face")
+            raise ValueError("its normal points away from the camera; it must point out of the printed face")
         seen = semi_axis_px(normal, centre, view.diameter_m, view.camera)
         if seen < LEAST_SEMI_AXIS_PX:
             raise ValueError(
                 f"a circle of {view.diameter_m:g} m at {np.linalg.norm(centre):.4g} m would be {2 * seen:.2g} px wide; "
                 "is its centre in metres?"
             )
-    # The order of the conventions: nearer to fronto-parallel first, at a tie the larger normal_x.
+    # Order of the conventions: closer to fronto-parallel first; at a tie, the larger normal_x.
     order = sorted(range(len(pairs)), key=lambda i: (pairs[i][0][2], -pairs[i][0][0]))
     meant = 0 if len(pairs) == 1 else found.chosen
     normals, centres = (np.stack([pairs[i][part] for i in order]) for part in (0, 1))
@@ -179,7 +179,7 @@ def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | 
 
 
 def semi_axis_px(normal: Array, centre_m: Array, diameter_m: float, camera: Camera) -> float:
-    """Major semi-axis of the image of a circle; infinite where it has no ellipse (part of it is behind the camera)."""
+    """Semi-major axis of the image of a circle; infinite if it is not an ellipse (partly behind the camera)."""
     try:
         pose = camera_from_marker_of(normal, centre_m)
         return float(ellipse_of_conic(conic_of_circle(pose, diameter_m / 2, camera.K))[2])

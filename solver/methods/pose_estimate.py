@@ -35,15 +35,15 @@ def estimate_of(
     ----------
     fit : EllipseFit or FailedFit
     uncertain : UncertainCamera
-        Its spreads go into the covariance.
+        Its standard deviations enter the covariance.
     diameter_m : float
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
     key : EstimateKey
     detection : Detection, optional
-        Where the ellipse comes from an image.
+        The detection, if the ellipse comes from an image.
     grey : (H, W) array, optional
-        The image, for knowledge that is to be read from its marks.
+        The image, for cues that are measured in it.
     """
     about: dict[str, Any] = {"focal_sigma": uncertain.focal_sigma, "intrinsics_basis": uncertain.basis}
     if detection is not None:

@@ -1,6 +1,6 @@
 """All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`.
 
-A package adds a method by an entry point. It is imported when it is first requested by name:
+A package adds a method by an entry point, which is imported when the method is first requested by name:
 
     [project.entry-points."roundel.methods"]
     mine = "my_package.my_module:find"
@@ -27,9 +27,9 @@ from roundel.solver.methods.roundel_fits import METHODS
 GROUP = "roundel.methods"
 NOTHING = "nothing found"
 
-# Our own finders, loaded as anyone's.
+# Roundel's own finders, loaded like plug-ins.
 _FINDERS = {
-    "blobs": ("roundel.solver.methods.opencv_centres:blobs", "centres alone, by cv2.SimpleBlobDetector"),
+    "blobs": ("roundel.solver.methods.opencv_centres:blobs", "centres only, by cv2.SimpleBlobDetector"),
     "circles_grid": (
         "roundel.solver.methods.opencv_centres:circles_grid",
         "centres of a grid of dots, by cv2.findCirclesGrid",
@@ -39,7 +39,7 @@ _FINDERS = {
 
 @dataclass(frozen=True)
 class Method:
-    """A method by name: where it is from, what it does, and how to load it (None: a fit of Roundel's own)."""
+    """A method: its name, its source, what it does, and how to load it (None: one of Roundel's fits)."""
 
     name: str
     source: str
@@ -48,7 +48,7 @@ class Method:
 
 
 def installed_methods() -> list[Method]:
-    """All methods, Roundel's first, each as often as packages offer it; imports none."""
+    """All methods, Roundel's first, including duplicates from several packages; imports none."""
     ours = [Method(name, "roundel", about) for name, about in METHODS.items()]
     ours += [Method(name, "roundel", about, EntryPoint(name, at, GROUP)) for name, (at, about) in _FINDERS.items()]
     theirs = []
@@ -60,22 +60,22 @@ def installed_methods() -> list[Method]:
 
 
 def method_lines() -> list[str]:
-    """A line for each method: name, source, what it does."""
+    """One line per method: name, source, description."""
     methods = installed_methods()
     widths = [max(len(getattr(m, part)) for m in methods) for part in ("name", "source")]
     return [f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}" for m in methods]
 
 
 def load_methods(methods: Sequence[str]) -> dict[str, Finder | None]:
-    """The callable of each method, None for Roundel's own; each name once, in the order given.
+    """The callable of each method, None for Roundel's own; without duplicates, in the given order.
 
     Raises
     ------
     UsageError
-        If there is none, or one is unknown, ambiguous, or cannot be imported.
+        If no method is given, or one is unknown, ambiguous, or cannot be imported.
     """
     if not methods:
-        raise UsageError(f"no method; use {', '.join(_names())}")
+        raise UsageError(f"no method given; use {', '.join(_names())}")
     return {name: finder_of(name) for name in methods}
 
 
@@ -89,7 +89,7 @@ def finder_of(name: str) -> Finder | None:
     """
     if name in METHODS:
         return None
-    # A package cannot take a name that Roundel has.
+    # A package cannot override a name of Roundel.
     offered = [m for m in installed_methods() if m.name == name and (name not in _FINDERS or m.source == "roundel")]
     if not offered:
         hint = did_you_mean(name, _names()) or f"use {', '.join(_names())}"
@@ -117,7 +117,7 @@ def _names() -> list[str]:
 def run_plugin(
     name: str, finder: Finder, view: View, uncertain: UncertainCamera, knowledge: Knowledge, frame_id: int, label: str
 ) -> list[Estimate]:
-    """What a method finds in a view, as records; whatever goes wrong in it is a failed record with the reason.
+    """Run a method on a view; returns records, and failed records with the reason for any error.
 
     Parameters
     ----------
@@ -125,12 +125,12 @@ def run_plugin(
         The method.
     view : View
     uncertain : UncertainCamera
-        Whose camera the view has; its spreads go into the covariance of poses made from an ellipse.
+        The view's camera; its standard deviations enter the covariance of poses computed from an ellipse.
     knowledge : str, Evidence, a sequence of them, or None
-        See `choose`; it decides between poses made from an ellipse.
+        See `choose`; it decides between poses computed from an ellipse.
     frame_id : int
     label : str
-        Of the intrinsics.
+        Label of the intrinsics.
     """
 
     def failed(detection_id: int, reason: str) -> Estimate:
@@ -139,10 +139,10 @@ def run_plugin(
     try:
         answer: object = finder(view)
         found = list(answer) if isinstance(answer, Iterable) and not isinstance(answer, str | bytes) else None
-    except (Exception, SystemExit) as error:  # someone else's code: one frame's failure is that frame's
+    except (Exception, SystemExit) as error:  # third-party code: a failure affects only this frame
         return [failed(NOT_FOUND, _said(error))]
     if found is None:
-        return [failed(NOT_FOUND, f"it returned {type(answer).__name__}, and not a list of Found")]
+        return [failed(NOT_FOUND, f"it returned {type(answer).__name__}, not a list of Found")]
     if not found:
         return [failed(NOT_FOUND, NOTHING)]
     out = []

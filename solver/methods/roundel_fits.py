@@ -35,7 +35,7 @@ METHODS = {
     "ml": "orthogonal distances of edge points",
     "guaranteed": "Sampson distances of edge points, an ellipse by construction (Szpak et al. 2015)",
     "direct": "algebraic distances of edge points (Halir and Flusser 1998)",
-    "edgedrawing": "OpenCV's own ellipse",
+    "edgedrawing": "ellipse by OpenCV's EdgeDrawing",
 }
 DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
@@ -43,12 +43,12 @@ _MIN_IMAGE_PX = 8
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """An image and what was detected in it.
+    """An image and its detections.
 
     Attributes
     ----------
     grey : (H, W) array
-        Grey levels, linear in the light.
+        Grey levels, linear in light.
     full_scale_dn : float
         The level at which its pixels saturate.
     detections : list of Detection
@@ -61,22 +61,22 @@ class Detections:
 
 
 def detect_circles(grey: NDArray[Any], full_scale_dn: float) -> Detections:
-    """Detect the circles of an image; none in one that is too small to hold any."""
+    """Detect the circles of an image; an image that is too small has none."""
     return Detections(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
 
 
 def fit_detection(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
-    Where the pixels alone do not determine an ellipse (most of them saturated, too few of them), `pixels` falls back
-    on the edge points that the detection rests on: the record then is a plain `EllipseFit`.
+    If the pixels do not determine an ellipse (too few, or most of them saturated), `pixels` falls back to the edge
+    points of the detection; the result is then a plain `EllipseFit`.
     """
     if method == "pixels":
         fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn)
         return fit if fit else fit_detection(seen, detection, camera, "ml")
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
-    # A detection's points are as good as deciding on it asks for.
+    # The points of a detection are only accurate enough to decide on it, so they are computed again.
     settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
     edges = detection.edges if isinstance(settled, FailedFit) else settled
     return fit_points(edges.points_px, edges.sigma_px, camera, method)
@@ -97,25 +97,25 @@ def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit
 def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:
     """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
 
-    Points that have none (where the camera's lens images nothing, or beyond 90 degrees) are left out.
+    Points without undistorted coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
     """
     points = undistort_px(camera, points_px)
     seen = np.isfinite(points).all(axis=1)
     if len(points) and not seen.any():
-        return FailedFit("the contour lies outside the field of the camera's lens model")
+        return FailedFit("the contour is outside the field of the camera's lens model")
     points, sigma_px = points[seen], None if sigma_px is None else sigma_px[seen]
-    if method in ("ml", "pixels"):  # points are all there is
+    if method in ("ml", "pixels"):  # only points are available
         return fit_ellipse(points, sigma_px)
     if method == "guaranteed":
         return guaranteed_ellipse(points, sigma_px)
     if method == "direct":
         ellipse = direct_ellipse(points)
         return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
-    return FailedFit("EdgeDrawing needs an image, and there are only points")
+    return FailedFit("EdgeDrawing needs an image, but there are only points")
 
 
 def _plain_fit(ellipse: Array, points: Array) -> EllipseFit:
-    """An ellipse that comes without a covariance."""
+    """An ellipse without a covariance."""
     residual = foot_points(ellipse, points)[0]
     sigma = float(np.sqrt(np.sum(residual**2) / max(len(points) - 5, 1)))
     unknown = np.full((5, 5), np.nan)

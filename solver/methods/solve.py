@@ -1,6 +1,6 @@
 """Solve a dataset: every frame with every method and every intrinsics label, into one file.
 
-Only images and cameras are opened, never the truth.
+Only images and cameras are read, never the truth.
 """
 
 from __future__ import annotations
@@ -55,40 +55,40 @@ def solve_dataset(
 ) -> dict[str, int]:
     """Estimate the pose of every circle in a dataset.
 
-    Every circle of a frame is taken to have the diameter of the frame's first circular marker: a blind solver cannot
-    tell one marker from another. Frames without a circular marker (boards) are left out. Frames in points mode
-    start at the fit.
+    Every circle of a frame is assumed to have the diameter of the frame's first circular marker, because the solver
+    cannot distinguish markers. Frames without a circular marker (boards) are skipped. Frames in points mode start at
+    the fit.
 
     Parameters
     ----------
     dataset_path, out_path : path
-        `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, whole or not at all.
+        `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, atomically.
     methods : sequence of str
         See `roundel.solver.methods.registry.installed_methods`.
     intrinsics : sequence of str
         See `parse_intrinsics`.
     groups : sequence of str, optional
-        Only these.
+        Only these groups.
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
     frames : range, optional
         Only these frame_ids.
     progress : callable, optional
-        Called with (frames done, frames in all).
+        Called with (frames done, total frames).
     on_warning : callable, optional
-        Called with a line for each third-party method that failed by its own fault (an exception, an answer that cannot
-        be): in how many frames, and what it said first. Its rows say so, frame by frame.
+        Called with one line for each third-party method that failed by an exception or an invalid result: the number of
+        frames, and the first reason. Its rows have the reason of each frame.
 
     Returns
     -------
     dict
-        Numbers of frames, detections, frames in which nothing was found, and failed estimates.
+        Numbers of frames, detections, frames without detections, and failed estimates.
 
     Raises
     ------
     UsageError
-        If a method, an intrinsics label or a group is unknown, no frame has a circular marker, or the folder for the
-        result is a dataset.
+        If a method, an intrinsics label or a group is unknown, no frame has a circular marker, or the output folder is
+        a dataset.
     DataError
         If a file is missing or corrupt, or the result cannot be written.
     """
@@ -122,7 +122,7 @@ def solve_dataset(
 
 
 def _plugin_failures(estimates: list[Estimate], plugins: list[str]) -> list[str]:
-    """A line for each third-party method that failed other than by finding nothing."""
+    """One line per third-party method that failed, except by finding nothing."""
     out = []
     for name in plugins:
         wrong = [e for e in estimates if e.method == name and not e and e.reason != f"{name}: {NOTHING}"]
@@ -135,20 +135,20 @@ def _plugin_failures(estimates: list[Estimate], plugins: list[str]) -> list[str]
 
 def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
     if not intrinsics:
-        raise UsageError("no intrinsics; use true, default, exif, scaled:0.7 or calibrated:FILE")
+        raise UsageError("no intrinsics given; use true, default, exif, scaled:0.7 or calibrated:FILE")
     specs = {text: parse_intrinsics(text) for text in intrinsics}
     by_label: dict[str, str] = {}
     for text, spec in specs.items():
         other = by_label.setdefault(spec.label, text)
         if other != text and spec.kind == "calibrated":
-            raise UsageError(f"--intrinsics {other} and {text} would both be called {spec.label}; rename one file")
+            raise UsageError(f"--intrinsics {other} and {text} would both have the label {spec.label}; rename one file")
     return list({spec.label: spec for spec in specs.values()}.values())
 
 
 def _frames(
     images: Images, specs: list[Intrinsics], groups: Sequence[str] | None, wanted: range | None
 ) -> list[_Frame]:
-    """Frames with a circular marker; their cameras are made first, so that a wrong argument ends the run at once."""
+    """Frames with a circular marker; their cameras are made first, so that a wrong argument fails immediately."""
     known = sorted(set(images.groups))
     for group in groups or ():
         if group not in known:
@@ -165,12 +165,12 @@ def _frames(
         out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
     if not out:
         which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"
-        raise UsageError(f"no frame with a circular marker{which}; name a group, or frames, that have one")
+        raise UsageError(f"no frame with a circular marker{which}; give a group or frames that have one")
     return out
 
 
 def _input(images: Images, frame: _Frame) -> SolverInput:
-    """A frame as the chain takes it."""
+    """A frame as input of the chain."""
     if images.mode(frame.index) == "points":
         by_marker = images.points(frame.index)
         points = tuple(by_marker[marker_id] for marker_id in sorted(by_marker))
@@ -180,7 +180,7 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
     grey, full_scale_dn = grey_levels(levels)
 
     def view(camera: Camera) -> View:
-        # Copies: what a method does to its image or its markers must reach nobody else.
+        # Copies, so that a method's changes to its image or markers do not affect others.
         markers = copy.deepcopy(images.markers(frame.index))
         saturation = images.saturation_dn(frame.index) or float(np.iinfo(delivered.dtype).max)
         return View(delivered.copy(), camera, frame.diameter_m, markers, saturation)

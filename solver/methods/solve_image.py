@@ -28,7 +28,7 @@ NO_CIRCLE = "no circle found"
 
 @dataclass(frozen=True, eq=False)
 class SolverInput:
-    """A frame to solve: an image, or edge points, and what is known of the camera and the marker.
+    """A frame to solve: an image or edge points, and the known data of camera and marker.
 
     Attributes
     ----------
@@ -37,13 +37,13 @@ class SolverInput:
     cameras : dict
         A camera for each intrinsics label.
     grey : (H, W) array or None
-        Grey levels, linear in the light; None where there are only points.
+        Grey levels, linear in light; None if there are only points.
     saturation_dn : float
-        The level at which they saturate.
+        The saturation level.
     points_px : list of (N, 2) arrays
-        Edge points of each circle, where there is no image.
+        Edge points of each circle, if there is no image.
     view : callable or None
-        The delivered image for a third-party method, with a camera: a new copy at each call. None where there is none.
+        Returns the delivered image with a camera for a third-party method, as a new copy each time; None without one.
     frame_id : int
     """
 
@@ -58,9 +58,9 @@ class SolverInput:
 
 @dataclass(frozen=True, eq=False)
 class SolvedFrame:
-    """Estimates of one frame, the number of circles that Roundel's detector found, and the time it took.
+    """Estimates of one frame, the number of circles that Roundel's detector found, and its time.
 
-    `detections` counts those of the first method and the first camera where no method of Roundel's own ran.
+    If none of Roundel's own methods ran, `detections` counts those of the first method and the first camera.
     """
 
     estimates: list[Estimate]
@@ -70,10 +70,10 @@ class SolvedFrame:
 
 
 def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowledge: Knowledge = None) -> SolvedFrame:
-    """Every circle of a frame, with every method and every camera.
+    """Solve every circle of a frame with every method and every camera.
 
-    Roundel's own methods share one detection, and cameras that undistort alike share one fit. A method that finds
-    nothing leaves one failed estimate for each camera, whose `detection_id` is -1.
+    Roundel's own methods share one detection, and cameras with the same undistortion share one fit. A method that finds
+    nothing gives one failed estimate per camera, with `detection_id` -1.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowle
                 estimates += _poses(given, fits[name, label], about, knowledge, (name, label))
             elif given.view is None:
                 key = EstimateKey(given.frame_id, NOT_FOUND, name, label)
-                estimates.append(Estimate(*key, "failed", f"{name}: needs an image, and there are only points"))
+                estimates.append(Estimate(*key, "failed", f"{name}: needs an image, but there are only points"))
             else:
                 estimates += run_plugin(
                     name, finder, given.view(camera.camera), camera, knowledge, given.frame_id, label
@@ -106,7 +106,7 @@ def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowle
 
 
 def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str], Fits], list[tuple[Any, Any]]]:
-    """The fits for each method and camera, one a detection, and for each detection what it is and its image."""
+    """The fits of each method and camera, one per detection, and for each detection its data and its image."""
     if given.grey is None:
         points = given.points_px
         return _shared(given, methods, lambda c, m: [fit_points(p, None, c, m) for p in points]), [(None, None)] * len(
@@ -119,7 +119,7 @@ def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str],
 
 
 def _shared(given: SolverInput, methods: list[str], fit: Callable[[Camera, str], Fits]) -> dict[tuple[str, str], Fits]:
-    """Cameras that undistort alike (none of them distorts, or K and lens model agree) share one fit."""
+    """Cameras with the same undistortion (no distortion, or the same K and lens model) share one fit."""
     made: dict[Any, Fits] = {}
     out = {}
     for method in methods:

@@ -30,15 +30,15 @@ _WHITE: Colour = (255, 255, 255)
 _HALO: Colour = (16, 20, 26)
 _PANEL_OPACITY = 195
 
-# Small images are enlarged until lettering fits, large ones reduced until a viewer shows them at once.
+# Small images are enlarged to fit the text, large ones reduced so that viewers load them quickly.
 _SMALLEST_PX, _LARGEST_PX = 960, 3200
 _SHIFT = 4  # OpenCV draws on a grid of 1/16 px
-_LABELLED = 12  # of more circles in one image, the rest have their number only
+_LABELLED = 12  # further circles in an image only have their number
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """One detection as it is drawn: its estimate, the circle's diameter, and the first line of its label."""
+    """One detection to draw: its estimate, the circle's diameter, and the first line of its label."""
 
     estimate: Estimate
     diameter_m: float
@@ -47,7 +47,7 @@ class Drawn:
 
 @dataclass
 class _Canvas:
-    """The enlarged or reduced picture, its scale, and the unit of widths and letters: a thousandth of its side."""
+    """The scaled picture, its scale, and the unit of line widths and text: a thousandth of its side."""
 
     pixels: NDArray[np.uint8]
     scale: float
@@ -58,11 +58,11 @@ class _Canvas:
         return float(max(self.pixels.shape[:2])) / 1000.0
 
     def at(self, points_px: Array) -> Array:
-        """Where image pixels lie on the canvas: pixel centres are whole numbers on both."""
+        """Position of image pixels on the canvas; pixel centres are integers in both."""
         return np.asarray((points_px + 0.5) * self.scale - 0.5)
 
     def line(self, points: Array, colour: Colour, width: float, closed: bool = False) -> None:
-        """A line with a dark rim, so that it is seen on white and on black."""
+        """A line with a dark outline, so that it is visible on white and on black."""
         fixed = [np.rint(points * 2**_SHIFT).astype(np.int32).reshape(-1, 1, 2)]
         for tone, thickness in ((_HALO, width + 2 * self.unit), (colour, width)):
             cv2.polylines(self.pixels, fixed, closed, tone, max(1, round(thickness)), cv2.LINE_AA, _SHIFT)
@@ -76,8 +76,8 @@ class _Canvas:
 def draw_overlay(picture: NDArray[np.uint8], drawn: Sequence[Drawn], footer: str) -> NDArray[np.uint8]:
     """Draw estimates on a picture.
 
-    Each has its contour, the image of its centre, an arrow along each candidate's normal (thin where the other one was
-    chosen) and a label; below stands what the numbers rest on.
+    Each has its contour, the image of its centre, an arrow along each candidate's normal (thin if the other one was
+    chosen) and a label; the footer states the basis of the numbers.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def draw_overlay(picture: NDArray[np.uint8], drawn: Sequence[Drawn], footer: str
     Returns
     -------
     (h, w, 3) uint8 array
-        RGB: enlarged by a whole factor below 960 px, reduced above 3,200 px, with a strip for the footer.
+        RGB: enlarged by an integer factor below 960 px, reduced above 3,200 px, with a strip for the footer.
     """
     canvas = _canvas(picture)
     for one in reversed(drawn):
@@ -103,7 +103,7 @@ def _canvas(picture: NDArray[np.uint8]) -> _Canvas:
     side = max(height, width)
     if side < _SMALLEST_PX:
         factor = -(-_SMALLEST_PX // side)
-        # Enlarged without smoothing: the pixels are what was measured.
+        # Enlarged without smoothing, to show the measured pixels.
         return _Canvas(np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1)), float(factor))
     scale = min(1.0, _LARGEST_PX / side)
     if scale == 1.0:
@@ -113,7 +113,7 @@ def _canvas(picture: NDArray[np.uint8]) -> _Canvas:
 
 
 def _contour(canvas: _Canvas, one: Drawn) -> Array | None:
-    """The circle's outline: of its ellipse, or else of its chosen or first pose."""
+    """The circle's outline: from its ellipse, or else from its chosen or first pose."""
     estimate, camera = one.estimate, one.estimate.camera
     if camera is None:
         return None
@@ -129,7 +129,7 @@ def _contour(canvas: _Canvas, one: Drawn) -> Array | None:
 
 
 def _centre(canvas: _Canvas, estimate: Estimate) -> Array | None:
-    """The image of the centre, where a method gives it."""
+    """The image of the centre, if the method gives it."""
     point = None if estimate.centre_image is None else canvas.at(estimate.centre_image)
     return point if point is not None and _visible(point) else None
 
@@ -152,7 +152,7 @@ def _draw_pose(canvas: _Canvas, one: Drawn) -> None:
     for candidate in last_drawn:
         width = 3.2 * unit if estimate.chosen in (None, candidate) else 1.4 * unit
         _arrow(canvas, estimate, candidate, one.diameter_m, width)
-    # The candidates' centres differ by some hundredths of a diameter: on a near marker that is seen.
+    # The candidates' centres differ by some hundredths of a diameter, which is visible on a near marker.
     for candidate in last_drawn:
         centre = canvas.at(project(estimate.camera, estimate.centre_m[candidate]))
         if _visible(centre):
@@ -160,7 +160,7 @@ def _draw_pose(canvas: _Canvas, one: Drawn) -> None:
 
 
 def _arrow(canvas: _Canvas, estimate: Estimate, candidate: int, diameter_m: float, width: float) -> None:
-    """The normal, one diameter long; on a small marker longer, so that its direction is seen."""
+    """The normal, one diameter long; longer on a small marker, so that its direction is visible."""
     assert estimate.normal is not None
     assert estimate.centre_m is not None
     assert estimate.camera is not None
@@ -168,7 +168,7 @@ def _arrow(canvas: _Canvas, estimate: Estimate, candidate: int, diameter_m: floa
     centre, normal = estimate.centre_m[candidate], estimate.normal[candidate]
     diameter_px = canvas.scale * float(camera.K[0, 0]) * diameter_m / float(np.linalg.norm(centre))
     length_m = diameter_m * max(0.9, 80.0 * canvas.unit / max(diameter_px, 1e-6))
-    # No farther than half the way to the camera: beyond, an arrow would come out of the picture.
+    # At most half the distance to the camera; a longer arrow would leave the picture.
     length_m = min(length_m, 0.5 * float(np.linalg.norm(centre)))
     start, tip = canvas.at(project(camera, np.stack([centre, centre + length_m * normal])))
     if not _visible(np.stack([start, tip])):
@@ -176,7 +176,7 @@ def _arrow(canvas: _Canvas, estimate: Estimate, candidate: int, diameter_m: floa
     along = tip - start
     length = float(np.linalg.norm(along))
     if length < 2.0 * width:
-        return  # it points at the camera: the centre's dot stands for it
+        return  # it points at the camera and is represented by the centre's dot
     along /= length
     head = min(5.0 * width, 0.5 * length)
     across = np.array([-along[1], along[0]])
@@ -216,7 +216,7 @@ def _lettered(canvas: _Canvas, drawn: Sequence[Drawn], footer: str) -> NDArray[n
 
 
 def _box(canvas: _Canvas, one: Drawn) -> Box | None:
-    """What a label must not hide: the contour, or the centre alone."""
+    """The box that a label must not cover: the contour, or only the centre."""
     contour, point = _contour(canvas, one), _centre(canvas, one.estimate)
     if contour is not None:
         return _bounds(contour)
@@ -249,7 +249,7 @@ def _panel(
     box: Box,
     lines: list[tuple[str, Colour]],
 ) -> None:
-    """Text on a dark panel beside a box, where it hides neither marker nor panel, if there is such a place."""
+    """Text on a dark panel beside a box, if possible where it covers neither a marker nor another panel."""
     from PIL import Image, ImageDraw
 
     draw = ImageDraw.Draw(image)

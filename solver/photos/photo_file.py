@@ -1,7 +1,7 @@
 """Read a photograph: upright, grey, in linear light, with its EXIF tags.
 
-Edges are located in linear light. In gamma-encoded values the midpoint of an edge is displaced, and circles would be
-measured some tenths of a pixel too large or too small: the encoding is undone
+Edges are located in linear light. In gamma-encoded values the midpoint of an edge is displaced, and measured circles
+would be some tenths of a pixel too large or too small, so the encoding is undone
 (see `roundel.datasets.layout.images`).
 """
 
@@ -27,21 +27,21 @@ from roundel.solver.intrinsics.exif import ExifTags, read_exif
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-# The largest phones have 200 megapixels; beyond, a file of a few kB may still ask for all the memory there is.
+# The largest phones have 200 megapixels. Without a limit, a file of a few kB can exhaust the memory.
 MAX_PIXELS = 256_000_000
 
-# Readers that only decode pixels: no PostScript, no layers, no documents.
+# Formats whose readers only decode pixels: no PostScript, no layers, no documents.
 _FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM", "JPEG2000", "AVIF")
 _RAW = {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw"}
 _HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
 _DNG_VERSION = 50706
 _BITS_PER_SAMPLE = 258
 
-# Rec. 709 luminance: green leads. Cameras sample it twice as densely, and lateral colour moves red and blue.
+# Rec. 709 luminance, dominated by green: cameras sample it twice as densely, and lateral colour shifts red and blue.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _STRIP_ROWS = 512
 
-# Pillow's guard against huge images is one global number.
+# Pillow's limit for huge images is a global variable.
 _PILLOW = threading.Lock()
 
 
@@ -56,7 +56,7 @@ class Photo:
     saturation_dn : float
         The level at which pixels saturate, in the file's range (255, 65,535, or 1 for real numbers).
     picture : (H, W, 3) uint8 array
-        To look at: RGB as it is shown.
+        RGB for display.
     exif : ExifTags
     """
 
@@ -77,14 +77,14 @@ class Photo:
 
 
 def read_photo(path: str | Path, linear: bool = False) -> Photo:
-    """Read a photograph: JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF or PPM, of 8 or 16 bits or real numbers.
+    """Read a photograph: JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF or PPM, with 8 or 16 bits or real numbers.
 
     Parameters
     ----------
     path : path
     linear : bool
-        Whether pixel values are proportional to light already, as machine-vision cameras give them. Otherwise integers
-        are taken to be behind the sRGB curve (IEC 61966-2-1), which Display P3 shares; real numbers are linear always.
+        Whether pixel values are proportional to light, as from machine-vision cameras. Otherwise integers are assumed
+        to be sRGB-encoded (IEC 61966-2-1), with the curve that Display P3 shares; real numbers are always linear.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def read_photo(path: str | Path, linear: bool = False) -> Photo:
     Raises
     ------
     DataError
-        If the file is missing, no image, truncated, or has more than `MAX_PIXELS` pixels: one line that names it.
+        If the file is missing, not an image, truncated, or has more than `MAX_PIXELS` pixels; one line with its name.
     """
     path = Path(path)
     try:
@@ -115,9 +115,9 @@ def _unreadable(path: Path, data: bytes) -> str:
     if not data:
         return "this file is empty"
     if data[4:8] == b"ftyp" and data[8:12] in _HEIF_BRANDS:
-        return "HEIC images are not read; export it as JPEG, with its metadata"
+        return "HEIC images are not supported; export it as JPEG, with its metadata"
     if path.suffix.lower() in _RAW:
-        return "raw files are not read; export it as JPEG or 16-bit TIFF, with its metadata"
+        return "raw files are not supported; export it as JPEG or 16-bit TIFF, with its metadata"
     return ""
 
 
@@ -133,21 +133,21 @@ def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
                 count = image.width * image.height
                 if count > MAX_PIXELS:
                     raise DataError(
-                        f"{path}: {image.width}x{image.height} px are {count / 1e6:.0f} megapixels, and "
-                        f"{MAX_PIXELS / 1e6:.0f} are the limit; make it smaller"
+                        f"{path}: {image.width}x{image.height} px are {count / 1e6:.0f} megapixels; the limit is "
+                        f"{MAX_PIXELS / 1e6:.0f}; reduce the image"
                     )
                 if image.format == "TIFF" and _DNG_VERSION in getattr(image, "tag_v2", {}):
-                    raise DataError(f"{path}: raw files are not read; export it as JPEG or 16-bit TIFF")
+                    raise DataError(f"{path}: raw files are not supported; export it as JPEG or 16-bit TIFF")
                 deep = _is_deep_colour(image)
                 image.load()
-                # Only now: Pillow turns TIFFs upright itself, and then takes the tag away.
+                # After loading, because Pillow turns TIFFs upright itself and then removes the tag.
                 exif = read_exif(image)
                 pixels = _upright(_array(image), exif.orientation)
         except DataError:
             raise
         except UnidentifiedImageError as error:
-            raise DataError(f"{path}: not an image, or cut short; JPEG, PNG, TIFF and WebP are read") from error
-        # Its readers raise whatever a damaged file makes of them: OSError, SyntaxError, ValueError, struct.error...
+            raise DataError(f"{path}: not an image, or truncated; JPEG, PNG, TIFF and WebP are supported") from error
+        # Damaged files make its readers raise many types: OSError, SyntaxError, ValueError, struct.error...
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise DataError(f"{path}: this image is truncated or corrupt ({reason})") from error
@@ -158,7 +158,7 @@ def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
 
 @contextmanager
 def _quiet_and_large() -> Iterator[None]:
-    """Pillow without its warnings on stderr, and without its own limit: `MAX_PIXELS` is ours."""
+    """Disable Pillow's warnings on stderr and its size limit; `MAX_PIXELS` replaces it."""
     from PIL import Image
 
     with _PILLOW, warnings.catch_warnings():
@@ -175,7 +175,7 @@ def _quiet_and_large() -> Iterator[None]:
 
 
 def _is_deep_colour(image: Image) -> bool:
-    """Whether this is 16-bit colour, of which Pillow gives the upper 8 bits."""
+    """Whether this is 16-bit colour, of which Pillow returns only the upper 8 bits."""
     if image.mode not in ("RGB", "RGBA", "LA"):
         return False
     if image.format == "TIFF":
@@ -184,7 +184,7 @@ def _is_deep_colour(image: Image) -> bool:
 
 
 def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """All 16 bits of colour, through OpenCV; what Pillow read stands if the two do not show the same image."""
+    """All 16 bits of colour, read by OpenCV; Pillow's pixels are kept if the two images differ."""
     import cv2
 
     deep: NDArray[Any] | None
@@ -195,7 +195,7 @@ def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int) -> NDArra
     if deep is None or deep.dtype != np.uint16 or deep.ndim != 3:
         return shallow
     deep = deep[..., [2, 1, 0, 3][: deep.shape[2]]]
-    # OpenCV turns TIFFs upright itself and PNGs not: the one that looks like Pillow's is right.
+    # OpenCV turns TIFFs upright but not PNGs, so the orientation that matches Pillow's pixels is used.
     for candidate in (deep, _upright(deep, orientation)):
         if candidate.shape[:2] == shallow.shape[:2]:
             colours = min(candidate.shape[2], shallow.shape[2], 3)
@@ -206,7 +206,7 @@ def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int) -> NDArra
 
 
 def _array(image: Image) -> NDArray[Any]:
-    """Pixels as they are stored, palettes and other colour spaces as RGB, transparency as a last channel."""
+    """Pixels as stored; palettes and other colour spaces become RGB, transparency the last channel."""
     mode = image.mode
     if mode == "1":
         return np.asarray(image).astype(np.uint8) * np.uint8(255)
@@ -219,7 +219,7 @@ def _array(image: Image) -> NDArray[Any]:
 
 
 def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Undo the orientation tag: 2 mirrored, 3 upside down, 6 to be turned clockwise, 8 anticlockwise, and mirrored."""
+    """Undo the orientation tag: 2 mirrored, 3 upside down, 6 to rotate clockwise, 8 anticlockwise, and mirrored."""
     if orientation in (5, 6, 7, 8):
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):
@@ -234,15 +234,15 @@ def _photo(pixels: NDArray[Any], exif: ExifTags, linear: bool) -> Photo:
         raise ValueError("this image has no pixels")
     if np.issubdtype(pixels.dtype, np.floating):
         if not np.all(np.isfinite(pixels)):
-            raise ValueError("this image holds numbers that are not finite")
-        # Some files hold 1e38, or less than no light: squares of it would overflow.
+            raise ValueError("this image has values that are not finite")
+        # Some files have values like 1e38, or negative ones; their squares would overflow.
         light = np.clip(pixels / max(1.0, float(np.max(pixels))), 0.0, 1.0)
         shown = _encoded(light)
         return Photo(light.astype(np.float32), 1.0, np.repeat(shown[..., None], 3, axis=2), exif)
-    if pixels.dtype.itemsize == 4:  # whole numbers of 32 bits; most hold 16
+    if pixels.dtype.itemsize == 4:  # 32-bit integers, usually with 16-bit values
         low, high = int(pixels.min()), int(pixels.max())
         if low < 0 or high > 65_535:
-            raise ValueError(f"this image holds whole numbers from {low} to {high}; 0 to 65535 are read")
+            raise ValueError(f"this image has integers from {low} to {high}; 0 to 65535 are supported")
         pixels = pixels.astype(np.uint16)
     pixels = _on_white(pixels)
     top = int(np.iinfo(pixels.dtype).max)
@@ -258,7 +258,7 @@ def _encoded(light: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _on_white(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Transparent pixels laid on white paper, as viewers show them; the channel is dropped."""
+    """Transparent pixels composited on white, as viewers show them; the alpha channel is dropped."""
     if pixels.ndim == 2 or pixels.shape[2] == 3:
         return pixels
     colour, alpha, top = pixels[..., :3], pixels[..., 3:], np.iinfo(pixels.dtype).max
@@ -269,7 +269,7 @@ def _on_white(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 def _grey(pixels: NDArray[Any], light: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Luminance in linear light, strip by strip: a hundred megapixels of three channels are 1.2 GB otherwise."""
+    """Luminance in linear light, in strips; a hundred megapixels of three channels would otherwise take 1.2 GB."""
     if pixels.ndim == 2:
         return np.asarray(light.astype(np.float32)[pixels])
     tables = [(weight * light).astype(np.float32) for weight in _LUMINANCE]

@@ -18,19 +18,19 @@ from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 @dataclass(frozen=True, eq=False)
 class PhotoResult:
-    """What became of one photograph.
+    """The result of one photograph.
 
     Attributes
     ----------
     file : str
-        As it was given.
+        The path as given.
     status : str
-        `ok`, `no circle`, or `failed`: the file could not be read, or has not what the intrinsics need.
+        `ok`, `no circle`, or `failed`: the file could not be read, or lacks data for the intrinsics.
     reason : str
     width_px, height_px : int or None
-        Upright.
+        Size of the upright image.
     cameras : dict
-        The camera for each intrinsics label that could be had.
+        The camera of each available intrinsics label.
     estimates : list of Estimate
     found : int
         Number of detections.
@@ -50,7 +50,7 @@ class PhotoResult:
 
 
 def distance_m(estimate: Estimate, candidate: int) -> tuple[float, float | None]:
-    """Distance from the camera to the circle's centre, and its standard deviation, to first order, if it is known."""
+    """Distance from the camera to the circle's centre, and its standard deviation to first order, if it is known."""
     assert estimate.centre_m is not None
     centre = estimate.centre_m[candidate]
     distance = float(np.linalg.norm(centre))
@@ -61,7 +61,7 @@ def distance_m(estimate: Estimate, candidate: int) -> tuple[float, float | None]
 
 
 def with_sigma(value: float, sigma: float | None, unit: str = "m") -> str:
-    """A value and its standard deviation to two digits of it: `0.830 ± 0.095 m`."""
+    """A value and its standard deviation with two significant digits: `0.830 ± 0.095 m`."""
     if sigma is None or not math.isfinite(sigma) or sigma <= 0:
         return f"{value:.4g} {unit}"
     decimals = min(max(0, 1 - math.floor(math.log10(sigma))), 9)
@@ -69,7 +69,7 @@ def with_sigma(value: float, sigma: float | None, unit: str = "m") -> str:
 
 
 def distance_label(estimate: Estimate) -> str:
-    """Distance of the chosen candidate, or of the first: they differ by some hundredths of a diameter at most."""
+    """Distance of the chosen or first candidate; the two differ by at most some hundredths of a diameter."""
     if not estimate:
         return estimate.reason
     if estimate.centre_m is None:
@@ -89,7 +89,7 @@ def line_of(result: PhotoResult) -> str:
 
 
 def readable(results: Sequence[PhotoResult], diameter_m: float) -> str:
-    """`estimates.json`: everything about every photograph, by name."""
+    """The text of `estimates.json`: all results of every photograph."""
     photographs = [_photograph(frame_id, result) for frame_id, result in enumerate(results)]
     record = {"schema": 1, "diameter_m": diameter_m, "photographs": photographs}
     return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -167,7 +167,7 @@ def _candidate(estimate: Estimate, candidate: int) -> dict[str, Any]:
     if estimate.cov is not None:
         variances = np.diag(estimate.cov[candidate])
         out["centre_sigma_m"] = [_finite(float(np.sqrt(max(v, 0.0)))) for v in variances[:3]]
-        # Of the angle: both directions across the normal together.
+        # Standard deviation of the angle: both directions perpendicular to the normal combined.
         out["normal_sigma_deg"] = _finite(float(np.degrees(np.sqrt(max(variances[3:].sum(), 0.0)))))
     return out
 

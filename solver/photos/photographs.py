@@ -40,8 +40,8 @@ def solve_photographs(
 ) -> list[PhotoResult]:
     """Estimate the pose of every circle in photographs.
 
-    A photograph that cannot be read, or has not what the intrinsics need, is a failed row with its reason; the others
-    go on.
+    A photograph that cannot be read, or lacks data for the intrinsics, gives a failed row with its reason; the others
+    are still solved.
 
     Parameters
     ----------
@@ -52,16 +52,15 @@ def solve_photographs(
     diameter_m : float
         Outer diameter of the printed circles.
     methods : sequence of str
-        See `solve_dataset`; pictures show the first. Third-party methods get the picture as it is shown: upright,
-        8-bit RGB.
+        See `solve_dataset`; pictures show the first. Third-party methods get the displayed picture: upright, 8-bit RGB.
     intrinsics : sequence of str, optional
-        See `parse_intrinsics`; pictures show the first. Left out: `exif` where the file has it, otherwise `default`.
+        See `parse_intrinsics`; pictures show the first. Default: `exif` if the file has it, otherwise `default`.
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
     linear : bool
-        Whether pixel values are proportional to light, instead of behind the sRGB curve.
+        Whether pixel values are proportional to light instead of sRGB-encoded.
     progress : callable, optional
-        Called with (photographs done, photographs in all).
+        Called with (photographs done, total photographs).
 
     Returns
     -------
@@ -100,7 +99,7 @@ def solve_photographs(
 
 
 def _overlay_names(paths: Sequence[str | Path]) -> list[str]:
-    """A file name for each photograph's picture; equal ones are numbered, also where case makes no difference."""
+    """A file name for each photograph's picture; duplicates are numbered, also if they only differ in case."""
     taken: set[str] = set()
     names = []
     for path in paths:
@@ -148,7 +147,7 @@ def _solve_one(
 
 
 def _why_nothing(estimates: list[Estimate]) -> str:
-    """What the first method said; of a third-party method that failed by its own fault, its error."""
+    """The reason of the first method, or the error of a third-party method."""
     return estimates[0].reason if estimates else NO_CIRCLE
 
 
@@ -181,6 +180,6 @@ def _picture(
     basis = f"Camera: {cameras[label].basis}." if label is not None else ""
     footer = f"{reason[:1].upper()}{reason[1:]}. {basis}" if reason else f"{basis} Marker: {1000 * diameter_m:g} mm."
     buffer = io.BytesIO()
-    # Level 1: a photograph's noise does not compress, and 6 takes four times as long for 5 % less.
+    # Level 1: a photograph's noise does not compress, and level 6 takes four times as long for 5 % less.
     Image.fromarray(draw_overlay(photo.picture, drawn, footer)).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()

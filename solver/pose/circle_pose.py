@@ -1,15 +1,15 @@
 """Both poses of a circle of known radius from its image, in closed form.
 
-None is chosen: that is the task of `solver.ambiguity`.
+The choice between them is the task of `solver.ambiguity`.
 
 The cone over the image ellipse {c + S u, |u| = 1} has the dual A^-1 = p p^T - W W^T with p = K^-1 [c; 1] and
-W = K^-1 [S; 0] (errata, section 2). The 3x3 matrix M = [W p] is made orthogonal column by column with rotations that
-keep J = diag(-1, -1, 1): a one-sided Jacobi method (hyperbolic singular values). A^-1 = M J M^T never has to be
-formed, so the small eigenvalues of an ellipse of 1e-5 px keep all their digits, which the eigenvalues of
-K^T C K lose (the errata measured 14 % there).
+W = K^-1 [S; 0] (errata, section 2). The columns of the 3x3 matrix M = [W p] are orthogonalised with rotations that
+preserve J = diag(-1, -1, 1): a one-sided Jacobi method (hyperbolic singular values). A^-1 = M J M^T is never formed, so
+the small eigenvalues of an ellipse of 1e-5 px keep all their digits, whereas the eigenvalues of K^T C K lose them (the
+errata measured 14 % there).
 
-One circle alone takes these steps in plain floats (`circle_pose_scalar`), many take them in chunks whose arrays stay in
-the processor's cache (`circle_pose_batch`).
+A single circle is solved in plain floats (`circle_pose_scalar`), many in chunks whose arrays stay in the processor's
+cache (`circle_pose_batch`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from roundel.solver.pose.circle_pose_scalar import pose_of_conic, pose_of_ellips
 
 Array = NDArray[np.float64]
 
-# Some 25 arrays of a chunk are in use at a time: 32 KiB each stay within a second-level cache of 1 MiB.
+# About 25 arrays of a chunk are in use at a time: with 32 KiB each they fit a second-level cache of 1 MiB.
 _CHUNK = 4096
 
 
@@ -52,15 +52,15 @@ class CirclePoses:
 def poses_from_conic(conic: ArrayLike, K: ArrayLike, radius_m: ArrayLike) -> CirclePoses:
     """Both poses of a circle from the conic of its image.
 
-    A conic in float64 pixels holds an ellipse of semi-axis a px at d px from the origin only to about
-    1e-16 (d / a)^2: for very small ellipses call `poses_from_ellipse`, which has no such loss.
+    A float64 conic represents an ellipse of semi-axis a px at d px from the origin only to about 1e-16 (d / a)^2; for
+    very small ellipses call `poses_from_ellipse`, which has no such loss.
 
     Parameters
     ----------
     conic : (..., 3, 3) array_like
         In undistorted pixel coordinates, of any scale and sign.
     K : (..., 3, 3) array_like
-        Calibration matrix, pixels; skew and unequal focal lengths are welcome. One for all, or one for each.
+        Calibration matrix, pixels; skew and unequal focal lengths are allowed. One for all, or one for each.
     radius_m : (...) array_like
 
     Returns
@@ -115,8 +115,8 @@ def poses_from_ellipse(ellipse: ArrayLike, K: ArrayLike, radius_m: ArrayLike) ->
 def poses_up_to_scale(ellipse: ArrayLike, K: ArrayLike) -> CirclePoses:
     """Both poses of a circle of unknown size: one image gives its normal, and its centre in units of its radius.
 
-    `centre_m` holds metres for each metre of radius: times the radius it is the centre, over its own length it is the
-    direction to it. Its length is the distance in radii, twice that in diameters. Arguments as `poses_from_ellipse`.
+    `centre_m` is in units of the radius: multiply it by the radius to get the centre, and normalise it to get the
+    direction. Its length is the distance in radii, twice that in diameters. Arguments as `poses_from_ellipse`.
     """
     return poses_from_ellipse(ellipse, K, 1.0)
 
@@ -140,7 +140,7 @@ def _in_chunks(image: Array, K: Array, radius: Array) -> CirclePoses:
     for start in range(0, count, _CHUNK):
         part = slice(start, start + _CHUNK)
         columns = np.array(images[part].T, order="C")
-        # What runs out of float64's range is caught at the end, by its result.
+        # Values beyond float64's range are detected at the end, in the result.
         with np.errstate(all="ignore"):
             of = centre_and_shape_of_conic if len(columns) == 9 else centre_and_shape_of_ellipse
             poses_of_shape(
@@ -157,9 +157,9 @@ def _calibration(K: Array) -> Array:
     if K.ndim < 2 or K.shape[-2:] != (3, 3):
         raise ValueError(f"K must be a 3x3 matrix; this array has shape {K.shape}")
     if not np.all(np.isfinite(K)):
-        raise ValueError("K holds a number that is not finite")
+        raise ValueError("K has a value that is not finite")
     if np.any(K[..., 2, :2] != 0.0) or np.any(K[..., 1, 0] != 0.0):
-        raise ValueError("K must be upper triangular, as [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+        raise ValueError("K must be upper triangular, [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
     if np.any(np.diagonal(K, axis1=-2, axis2=-1) == 0.0):
         raise ValueError("K is singular: its focal lengths and its last element must not be zero")
     return np.asarray(K.reshape(*K.shape[:-2], 9)[..., [0, 1, 2, 4, 5]] / K[..., 2, 2, None])

@@ -1,6 +1,6 @@
 """Both poses of many circles at once, vectorised; `circle_pose` explains the method.
 
-All arrays are (N,); a vector is three of them, so that no sum runs over an axis of length three.
+All arrays are (N,); a vector is three of them, which avoids sums over an axis of length three.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _OUT_OF_RANGE = "the ellipse, K or the radius is too large or too small for floa
 def centre_and_shape_of_ellipse(ellipse: Array) -> list[Array]:
     """Centre x, y and a factor S11, S12, S21, S22 of the shape: the ellipse is {(x, y) + S u, |u| = 1}."""
     if not np.all(np.isfinite(ellipse)):
-        raise ValueError("the ellipse holds a number that is not finite")
+        raise ValueError("the ellipse has a value that is not finite")
     x, y, a, b, angle_deg = ellipse
     if not np.all(ellipse[2:4] > 0):
         raise ValueError("not an ellipse: both semi-axes must be positive")
@@ -29,20 +29,20 @@ def centre_and_shape_of_ellipse(ellipse: Array) -> list[Array]:
 
 
 def centre_and_shape_of_conic(conic: Array) -> list[Array]:
-    """As `centre_and_shape_of_ellipse`, of conics (9, N).
+    """As `centre_and_shape_of_ellipse`, for conics (9, N).
 
-    The elements of a conic hold the pose to 1e-15, but centre and determinant are differences that lose up to seven
-    digits for a thin, far ellipse. So the value and the gradient at a first centre are summed with the rounding errors
-    of their products (T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18,
-    1971), and one Newton step leads to the centre proper.
+    The elements of a conic determine the pose to 1e-15, but centre and determinant are differences that lose up to
+    seven digits for a thin, distant ellipse. Therefore the value and the gradient at a first centre are summed with
+    the rounding errors of their products (T. J. Dekker, A floating-point technique for extending the available
+    precision, Numer. Math. 18, 1971), and one Newton step gives the final centre.
     """
     if not np.all(np.isfinite(conic)):
-        raise ValueError("the conic holds a number that is not finite")
+        raise ValueError("the conic has a value that is not finite")
     size = np.max(np.abs(conic), axis=0)
     if not np.all(size > 0.0):
         raise ValueError("not an ellipse: the conic is the zero matrix")
     if np.max(size) > MOST / 9 or np.min(size) < LEAST:
-        conic = np.ldexp(conic, -np.frexp(size)[1])  # by powers of two: no digit changes
+        conic = np.ldexp(conic, -np.frexp(size)[1])  # scaling by powers of two is exact
     conic = np.where(conic[0] + conic[4] < 0.0, -1.0, 1.0) * conic
     q11, q22, corner = conic[0], conic[4], conic[8]
     q12, l1, l2 = (conic[1] + conic[3]) / 2, (conic[2] + conic[6]) / 2, (conic[5] + conic[7]) / 2
@@ -97,8 +97,8 @@ def _combined(c: Array, x: Vector, s: Array, y: Vector) -> Vector:
 def _orthogonalise(u: Vector, v: Vector, p: Vector) -> tuple[Vector, Vector, Vector, Array, Array]:
     """Make u, v, p orthogonal without changing p p^T - u u^T - v v^T (one-sided J-Jacobi); also u.u and v.v.
 
-    Two hyperbolic rotations, then the plane one. When p is at cosines eps to u and v that are orthogonal, a sweep
-    leaves eps^3 (|u| / |p|)^2: two sweeps do for most cones, and the rest is linear.
+    Two hyperbolic rotations, then the plane rotation. If p has cosines eps with orthogonal u and v, a sweep leaves
+    eps^3 (|u| / |p|)^2: two sweeps suffice for most cones, and the remainder is linear.
     Source: K. Veselic, A Jacobi eigenreduction algorithm for definite matrix pairs, Numer. Math. 64 (1993).
     """
     uu, vv, pp = _dot(u, u), _dot(v, v), _dot(p, p)
@@ -120,7 +120,7 @@ def _moved(x: Vector, t: Array, y: Vector) -> Vector:
 
 def _hyperbolic(x: Vector, y: Vector, xx: Array, yy: Array) -> tuple[Vector, Vector, Array, Array]:
     # x' = c x + s y, y' = s x + c y; tanh(2 theta) = -2 xy / (xx + yy), s / c = tanh theta.
-    # p - u is the ray to a point of the ellipse, of length 1 or more: xx + yy stays clear of 2 |xy|.
+    # p - u is the ray to a point of the ellipse, of length 1 or more, so xx + yy stays well above 2 |xy|.
     xy, total = _dot(x, y), xx + yy
     twice = 2.0 * xy
     t = -twice / (total + np.sqrt((total - twice) * (total + twice)))
@@ -150,7 +150,7 @@ def poses_of_shape(x_y_shape: list[Array], k: Array, radius: Array, out: tuple[A
     larger_first = uu >= vv
     s1, s2, s3 = np.sqrt(_dot(p, p)), np.sqrt(np.maximum(uu, vv)), np.sqrt(np.minimum(uu, vv))
     smaller = [np.where(larger_first, b, a) for a, b in zip(u, v, strict=True)]
-    # The axis of the cone runs through the ellipse: in front. So does e3, which orders the candidates.
+    # The axis of the cone passes through the ellipse, so it points forward, like e3, which orders the candidates.
     along, across = np.copysign(1.0 / s1, p[2]), np.copysign(1.0 / s3, smaller[2])
     e1, e3 = [a * along for a in p], [a * across for a in smaller]
     below = s2 * np.sqrt(s1 * s1 + s3 * s3)
@@ -164,7 +164,7 @@ def poses_of_shape(x_y_shape: list[Array], k: Array, radius: Array, out: tuple[A
     to_centre, to_side = radius * (cos * s1 / s3), radius * (sin * s3 / s1)
     normal, centre = out
     for i in range(3):
-        # The errata's n points away from the camera; ours out of the print, to the camera.
+        # The errata's n points away from the camera; here the normal points out of the print, toward the camera.
         axis, side = -cos * e1[i], sin * e3[i]
         normal[:, 0, i], normal[:, 1, i] = axis - side, axis + side
         axis, side = to_centre * e1[i], to_side * e3[i]

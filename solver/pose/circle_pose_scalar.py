@@ -1,8 +1,8 @@
 """Both poses of a single circle in plain Python floats, without the overhead of vectorised calls.
 
-The steps are those of `circle_pose_batch`, in the same order, so both give the same numbers up to a last sweep that a
-batch may take for its worst member. Degenerate and invalid input returns None: the batch then handles it and raises the
-errors.
+The steps are those of `circle_pose_batch`, in the same order, so both give the same numbers, except for a last sweep
+that a batch may need for its worst member. Degenerate and invalid input returns None; the batch version then handles it
+and raises the errors.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ Triple = tuple[float, float, float]
 Pair = tuple[tuple[Triple, Triple], tuple[Triple, Triple]]
 Rows = list[list[float]]
 
-# Vectors whose cosines, squared, are below this need no rotation any more: a step to first order makes them orthogonal.
+# Vectors with squared cosines below this need no further rotation: a first-order step makes them orthogonal.
 CLOSE = 2.0**-53
-# Two sweeps bring most cones there, near to none comes with one, and none takes 40.
+# Most cones need two sweeps, almost none needs only one, and none needs 40.
 FULL_SWEEPS, MAX_SWEEPS = 2, 40
-# Added to a denominator that is zero only with its numerator.
+# Added to a denominator that is zero only if its numerator is.
 NOTHING = 1e-300
-# Two normals whose z differ by less than this are tied: it is rounding, and must not decide an order.
+# Two normals whose z differ by less than this are tied, because rounding must not decide their order.
 TIE = 1e-12
-# Magnitudes of a conic whose products of four elements neither overflow nor lose digits to underflow.
+# Range of a conic's elements in which products of four neither overflow nor underflow.
 LEAST, MOST = 2.0**-60, 2.0**60
-# Squared sizes, in focal lengths, of what is ordinary: the squares of their squares are far from float64's ends, and
-# the rounding of their sums is far below one.
+# Range of ordinary squared sizes, in focal lengths: their fourth powers are far from float64's limits, and the rounding
+# of their sums is far below one.
 _SMALL, _LARGE = 2.0**-120, 2.0**40
 SPLITTER = 134217729.0  # 2^27 + 1
 

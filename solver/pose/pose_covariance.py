@@ -1,8 +1,8 @@
 """Covariance of both poses, propagated from the ellipse and from the camera.
 
-The image of the circle fixes its dual conic, K (c c^T + R^2 (n n^T - I)) K^T up to scale (errata, section 2, in other
-words). Its centre x and its shape M = S S^T are five numbers, the pose (n, c) has five degrees of freedom: with
-B = d(x, M) / d(pose), any change of ellipse or camera moves the pose by B^-1 times what it does to (x, M).
+The image of the circle determines its dual conic, K (c c^T + R^2 (n n^T - I)) K^T up to scale (errata, section 2). Its
+centre x and its shape M = S S^T are five numbers, and the pose (n, c) has five degrees of freedom: with
+B = d(x, M) / d(pose), any change of ellipse or camera changes the pose by B^-1 times its effect on (x, M).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from roundel.solver.pose.circle_pose import CirclePoses, poses_from_ellipse
 
 Array = NDArray[np.float64]
 
-# The normal's offset from the line of sight is the root of a number q that is linear in the ellipse. Where q drowns in
-# its noise the root is of size E|q|^(1/2), q complex Gaussian with sigma an axis: as if the offset squared were this
-# many sigma, instead of an infinite derivative.
+# The normal's offset from the line of sight is the square root of a number q that is linear in the ellipse. If noise
+# dominates q, the root is of size E|q|^(1/2), q complex Gaussian with sigma per axis: the squared offset is replaced by
+# this many sigma, which avoids an infinite derivative.
 DROWNED = 0.4
-# Sine of the offset at which the noise of q is measured, where the pose's own is less.
+# Sine of the offset at which the noise of q is measured, if the pose's own offset is smaller.
 _REFERENCE = 0.05
 _SIGNS = np.array([1.0, 1.0, -1.0, -1.0, -1.0])
 
@@ -44,7 +44,7 @@ def poses_with_covariance(
         Covariance of (x, y, S11, S12, S22), px: `EllipseFit.shape_cov`.
     K : (3, 3) array_like
     radius_m : float
-        1 for a circle of unknown size: the centres and their covariance then are in units of the radius.
+        1 for a circle of unknown size: the centres and their covariance are then in units of the radius.
     focal_sigma : float
         Standard deviation of the focal length, as a fraction of it (both focal lengths together).
     principal_sigma_px : float
@@ -54,9 +54,9 @@ def poses_with_covariance(
     -------
     poses : CirclePoses
     cov : (..., 2, 6, 6) array or None
-        Covariance of (centre x, y, z in m, normal x, y, z) for each candidate: rank 5, since a normal has no error
-        along itself. None if `shape_cov` is not finite. To first order in the errors; below the breakdown tilt
-        (errata, section 6), where the first order would be infinite, of the size that the errors have there.
+        Covariance of (centre x, y, z in m, normal x, y, z) for each candidate: rank 5, because a normal has no error
+        along itself. None if `shape_cov` is not finite. First order in the errors; below the breakdown tilt (errata,
+        section 6), where the first order would be infinite, it has the size of the actual errors.
 
     Raises
     ------
@@ -77,14 +77,14 @@ def poses_with_covariance(
     sight = centre / _length(centre)
     across = normal - np.sum(normal * sight, axis=-1, keepdims=True) * sight
     offset = _length(across)  # sine of the angle between normal and line of sight
-    if np.min(offset) < 1e-9:  # seen along its own axis, a circle may tilt to any side: one is taken
+    if np.min(offset) < 1e-9:  # viewed along its own axis, a circle may tilt to any side: one is taken
         across = np.where(offset < 1e-9, _cross(sight, np.array([1.0, 0.0, 0.0])), across)
     across /= _length(across)
     frame = (sight, across, _cross(sight, across), offset)
 
     tilted = np.maximum(offset, _REFERENCE)
     cov = _carried(e[..., None, :], k, frame, tilted, centre, noise)
-    # q = offset^2, so sigma_q = 2 offset sigma_n, with half the normal's variance to each tangential axis.
+    # q = offset^2, so sigma_q = 2 offset sigma_n, with half the normal's variance for each tangential axis.
     sigma_q = 2 * tilted * np.sqrt((cov[..., 3, 3] + cov[..., 4, 4] + cov[..., 5, 5]) / 2)[..., None]
     enough = np.minimum((offset**4 + (DROWNED * sigma_q) ** 2) ** 0.25, 1.0)
     if np.any(np.abs(enough - tilted) > 1e-3 * tilted):
@@ -97,10 +97,10 @@ def poses_with_covariance(
 def _carried(
     ellipse: Array, k: Array, frame: tuple[Array, Array, Array, Array], sine: Array, centre: Array, noise: Array
 ) -> Array:
-    """Covariance (..., 2, 6, 6), in radii, by the derivatives at normals whose offset from sight has this sine."""
+    """Covariance (..., 2, 6, 6), in radii, by derivatives at normals with this sine from the line of sight."""
     sight, across, one, offset = frame
     seen, two = _tilted(sight, across, sine)
-    # The image in semi-axes b, its origin at the ellipse's centre: nothing cancels, whatever the ellipse's size.
+    # The image in units of b, with its origin at the ellipse's centre: no cancellation for any size of the ellipse.
     b = ellipse[..., 3]
     s11, s12, s22 = np.moveaxis(shape_of_ellipse(ellipse)[..., 2:], -1, 0) / b
     m11, m12, m22 = s11 * s11 + s12 * s12, s12 * (s11 + s22), s12 * s12 + s22 * s22
@@ -121,7 +121,7 @@ def _carried(
     moved = elements[..., [2, 5, 0, 1, 4]] * _SIGNS
     moved[..., 2:] -= elements[..., 8:] * np.stack([m11, m12, m22], axis=-1)[..., None, :]
     by_pose = np.swapaxes(moved, -1, -2) / (c[..., 2] ** 2 + n[..., 2] ** 2 - 1.0)[..., None, None]
-    # (x, M) by (x, S); what ln f and the principal point do to (x, M) a change of pose would have to undo.
+    # (x, M) by (x, S); a change of pose has to compensate the effect of ln f and the principal point on (x, M).
     told = np.zeros((*b.shape, 5, 8))
     told[..., 0, 0] = told[..., 1, 1] = 1.0
     told[..., 2, 2] = 2 * s11
@@ -140,7 +140,7 @@ def _carried(
 
 
 def _tilted(sight: Array, across: Array, sine: Array) -> tuple[Array, Array]:
-    """The normal at this sine from the line of sight, and its tangent in their plane."""
+    """The normal at this sine from the line of sight, and its tangent in the plane of both."""
     cosine = np.sqrt((1 - sine) * (1 + sine))
     return sine * across - cosine * sight, sine * sight + cosine * across
 
@@ -150,5 +150,5 @@ def _length(a: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Vector products: NumPy's own takes 25 microseconds to find its axes."""
+    """Cross products; NumPy's own function takes 25 microseconds to find its axes."""
     return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])

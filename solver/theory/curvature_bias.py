@@ -1,9 +1,9 @@
 """Correction of the orthogonal-distance fit for its bias under isotropic noise.
 
-Noise along a curved contour carries points outward: at curvature k, noise of sigma px along the tangent leaves a point
-k sigma^2 / 2 outside on average. The fit follows; the ellipse comes out too large and its circle too near (the negative
-bias of depth in errata, section 6). Points that were measured along the contour's normal, as those of an image are,
-have no such noise and no such bias: this is for points with noise of equal size in both coordinates.
+Noise along a curved contour moves points outward: at curvature k, noise of sigma px along the tangent moves a point
+k sigma^2 / 2 outside on average. The fitted ellipse is therefore too large and its circle too near (the negative bias
+of depth in errata, section 6). Points measured along the contour's normal, as in an image, have no such noise and no
+such bias: use this for points with equal noise in both coordinates.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ Array = NDArray[np.float64]
 
 
 def without_curvature_bias(fit: EllipseFit, points_px: ArrayLike) -> EllipseFit:
-    """The fit less its bias, to first order in the noise's variance; its covariance stays.
+    """The fit without its bias, to first order in the noise's variance; its covariance is unchanged.
 
     Parameters
     ----------
     fit : EllipseFit
         Orthogonal-distance fit of these points.
     points_px : (N, 2) array_like
-        The points, whose noise is isotropic; `fit.sigma_px` is taken for its standard deviation.
+        The points, with isotropic noise; `fit.sigma_px` is used as its standard deviation.
 
     Returns
     -------
     EllipseFit
-        Returned as it is where the correction would be larger than half a semi-axis: noise as large as the ellipse.
+        Unchanged if the correction would exceed half a semi-axis, that is, for noise as large as the ellipse.
     """
     points = np.asarray(points_px, dtype=np.float64)
     a, b, angle = fit.ellipse[2], fit.ellipse[3], np.radians(fit.ellipse[4])

@@ -1,12 +1,12 @@
 """The homography of a circle's plane, from the circle's image and the vanishing line alone.
 
-Equation (1) of the paper in its corrected, general form (errata, section 1): no calibration enters, so it holds for any
-camera. H = S_I^-1 M S_P with
+Equation (1) of the paper in its corrected, general form (errata, section 1). It does not use a calibration, so it is
+valid for any camera. H = S_I^-1 M S_P with
 
-- S_I, the image's similarity: a translation and a rotation that carry the ellipse to the origin, its axes along x and
-  y. In that frame the conic is C' = diag(C'11, C'22, C'33), and (u, v, 1) ~ C'^-1 v'_inf is the image of the circle's
-  centre. Both must be taken there: with pixels for (u, v) equation (1) is wrong.
-- M, which carries the unit circle to C' and the origin to (u, v, 1):
+- S_I, the image's similarity: a translation and a rotation that move the ellipse to the origin, with its axes along x
+  and y. In that frame the conic is C' = diag(C'11, C'22, C'33), and (u, v, 1) ~ C'^-1 v'_inf is the image of the
+  circle's centre. Both must be in that frame: equation (1) is wrong with (u, v) in pixels.
+- M, which maps the unit circle to C' and the origin to (u, v, 1):
 
         M = [ C'33    C'22 u v   u ]
             [  0        -g       v ] diag(r, 1, s),    g = C'11 u^2 + C'33,  q = C'11 u^2 + C'22 v^2 + C'33,
@@ -15,8 +15,9 @@ camera. H = S_I^-1 M S_P with
 - S_P, the plane's similarity: here a scaling by 1 / radius.
 
 Proof: multiply out M^T C' M = C'22 g q diag(1, 1, -1), M e3 = s (u, v, 1).
-H is unique up to a turn of the plane about the circle's centre (a circle has none of its own) and a reflection, which
-the sign of r decides: det M = -g q r s is negative, g and q having one sign, and M e3 has a positive third coordinate.
+H is unique up to a rotation of the plane about the circle's centre, which a circle does not determine, and a
+reflection, which the sign of r decides: det M = -g q r s is negative, because g and q have the same sign, and M e3 has
+a positive third coordinate.
 """
 
 from __future__ import annotations
@@ -71,16 +72,16 @@ def homography_from_ellipse(ellipse: ArrayLike, vanishing_line: ArrayLike, radiu
     Returns
     -------
     (..., 3, 3) array
-        H with H[2, 2] = 1 takes (X_m, Y_m, 1) in the plane, origin at the circle's centre, to homogeneous pixels; the
+        H with H[2, 2] = 1 maps (X_m, Y_m, 1) in the plane, origin at the circle's centre, to homogeneous pixels; the
         third coordinate is positive in front of the camera. Of the two orientations of the plane's axes it has
-        det H < 0: Z = X x Y then points out of the printed face, to the camera (for H ~ K [r1 r2 t] with t_z > 0,
+        det H < 0: Z = X x Y then points out of the printed face, toward the camera (for H ~ K [r1 r2 t] with t_z > 0,
         det = det K r3 . t / t_z^3 has the sign of normal . centre).
 
     Raises
     ------
     ValueError
-        If the ellipse or the radius is not one, or the vanishing line meets the ellipse: no circle that is wholly in
-        front of the camera looks like that.
+        If the ellipse or the radius is invalid, or the vanishing line meets the ellipse, which is impossible for a
+        circle that is entirely in front of the camera.
     """
     e, line = np.asarray(ellipse, dtype=np.float64), np.asarray(vanishing_line, dtype=np.float64)
     radius = np.asarray(radius_m, dtype=np.float64)
@@ -99,7 +100,7 @@ def homography_from_ellipse(ellipse: ArrayLike, vanishing_line: ArrayLike, radiu
             np.stack([zero, zero, zero + 1.0], axis=-1),
         ],
         axis=-2,
-    )  # S_I^-1; lines go the other way with its transpose
+    )  # S_I^-1; lines transform in the opposite direction with its transpose
     diagonal = np.stack([e[..., 2] ** -2.0, e[..., 3] ** -2.0, zero - 1.0], axis=-1)
     pole = (np.swapaxes(to_image, -1, -2) @ line[..., None])[..., 0] / diagonal
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -110,7 +111,7 @@ def homography_from_ellipse(ellipse: ArrayLike, vanishing_line: ArrayLike, radiu
 
 
 def canonical_homography(diagonal: ArrayLike, centre: ArrayLike) -> Array:
-    """M of equation (1), corrected: takes the unit circle to diag(C'11, C'22, C'33) and the origin to (u, v).
+    """M of equation (1), corrected: maps the unit circle to diag(C'11, C'22, C'33) and the origin to (u, v).
 
     Parameters
     ----------
@@ -127,17 +128,17 @@ def canonical_homography(diagonal: ArrayLike, centre: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If the centre is not inside the ellipse, which is to say that the vanishing line meets it; or C' is no ellipse.
+        If the centre is not inside the ellipse, that is, the vanishing line meets it, or C' is not an ellipse.
     """
     c = np.asarray(diagonal, dtype=np.float64)
     c11, c22, c33 = (c[..., i] for i in range(3))
     u, v = (np.asarray(centre, dtype=np.float64)[..., i] for i in range(2))
     if not np.all((c11 * c22 > 0) & (c11 * c33 < 0)):
-        raise ValueError("C' must be the diagonal of a real ellipse: C'11 and C'22 of one sign, C'33 of the other")
+        raise ValueError("C' must be the diagonal of a real ellipse: C'11 and C'22 of the same sign, C'33 of the other")
     g = c11 * u * u + c33
     q = g + c22 * v * v
     if not np.all(c33 * q > 0):
-        raise ValueError("the vanishing line meets the ellipse: the circle is not wholly in front of the camera")
+        raise ValueError("the vanishing line meets the ellipse: the circle is not entirely in front of the camera")
     r, s = np.sqrt(c22 * q / (c11 * c33)), np.sqrt(-c22 * g)
     zero, one = np.zeros_like(q), np.ones_like(q)
     rows = [[c33 * r, c22 * u * v, u * s], [zero, -g, v * s], [-c11 * u * r, c22 * v, one * s]]

@@ -88,7 +88,7 @@ def test_the_solver_needs_no_truth(finished: Path, tmp_path: Path, capsys) -> No
 def test_verify_and_check_say_what_they_found(finished: Path, capsys) -> None:
     code, out, _ = call(capsys, "verify", finished / "out" / "dataset", "--full")
     assert code == 0
-    assert "every checksum agrees" in out
+    assert "all checksums match" in out
     assert "fidelity over 4 circles" in out
     code, out, _ = call(capsys, "check", finished / "study.yaml")
     assert code == 0
@@ -100,14 +100,14 @@ def test_doctor_is_well_here(capsys) -> None:
     code, out, _ = call(capsys, "doctor")
     assert code == 0
     assert "mitsuba" in out
-    assert "all well" in out
+    assert "no problems found" in out
 
 
 def test_wrong_arguments_are_usage_errors(finished: Path, tmp_path: Path, capsys) -> None:
     study, dataset = finished / "study.yaml", finished / "out" / "dataset"
     refused(capsys, 2, "cannot read the study", "check", tmp_path / "none.yaml")
-    refused(capsys, 2, "name a STUDY", "check")
-    refused(capsys, 2, "frames are A:B", "render", study, tmp_path / "x", "--frames", "a:b")
+    refused(capsys, 2, "give a STUDY", "check")
+    refused(capsys, 2, "give frames as A:B", "render", study, tmp_path / "x", "--frames", "a:b")
     refused(capsys, 2, "no frames in this range", "render", study, tmp_path / "x", "--frames", "3:3")
     refused(capsys, 2, "whole number", "render", study, tmp_path / "x", "--jobs", "0")
     refused(capsys, 2, "ml", "solve", dataset, tmp_path / "e", "--method", "mll")
@@ -138,7 +138,7 @@ def test_damage_is_said_with_exit_code_4(finished: Path, tmp_path: Path, capsys)
     shutil.copytree(finished / "out" / "dataset", copy)
     image = copy / "images" / "000002.png"
     image.write_bytes(image.read_bytes()[:1000])
-    refused(capsys, 4, "1 of its files are wrong", "verify", copy)
+    refused(capsys, 4, "the dataset is damaged; problems found: 1", "verify", copy)
     refused(capsys, 4, "000002.png", "solve", copy, tmp_path / "e")
     (copy / "manifest.json").unlink()
     refused(capsys, 4, "not finished", "solve", copy, tmp_path / "e")
@@ -182,7 +182,7 @@ def test_an_interrupted_render_ends_with_130_and_goes_on_later(tmp_path: Path) -
     os.kill(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 130
-    assert err.strip().splitlines()[-1] == "roundel: interrupted; frames that are rendered are kept"
+    assert err.strip().splitlines()[-1] == "roundel: interrupted; rendered frames are kept"
     assert "Traceback" not in err
     assert subprocess.run(command, check=False, capture_output=True).returncode == 0
 
@@ -240,10 +240,10 @@ def test_wrong_arguments_about_photographs(photograph: Path, finished: Path, tmp
         "--intrinsics",
         "true",
     )
-    refused(capsys, 2, "it is a file", "solve", photograph, photograph, "--diameter-m", 1)
+    refused(capsys, 2, "is a file", "solve", photograph, photograph, "--diameter-m", 1)
     refused(capsys, 2, "leave it out", "solve", dataset, out, "--diameter-m", 1)
-    refused(capsys, 2, "one dataset alone", "solve", dataset, photograph, out, "--diameter-m", 1)
-    refused(capsys, 2, "name them, as", "solve", photograph.parent, out, "--diameter-m", 1)
+    refused(capsys, 2, "a single dataset", "solve", dataset, photograph, out, "--diameter-m", 1)
+    refused(capsys, 2, "give the images by name", "solve", photograph.parent, out, "--diameter-m", 1)
     refused(capsys, 2, "did you mean wall", "solve", photograph, out, "--diameter-m", 1, "--knowledge", "wal")
     assert not out.exists()
 

@@ -236,7 +236,7 @@ def test_a_render_of_some_frames_warns_at_once(tmp_path: Path, capsys) -> None:
     assert main(["render", str(tmp_path / "study.yaml"), str(tmp_path / "ds"), "--frames", "1:2"]) == 0
     said = capsys.readouterr()
     assert "1 of 1 frames show little or nothing (1 saturated); the first is frame 1" in said.err
-    assert "still missing" in said.out
+    assert "some frames are missing" in said.out
 
 
 def test_a_colour_jpeg_goes_all_the_way(tmp_path: Path) -> None:

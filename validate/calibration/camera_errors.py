@@ -1,8 +1,8 @@
 """Errors of a calibrated camera against the true one.
 
-The RMS of a calibration says how well the model fits its own corners, not how right the camera is: it stands here
-beside the errors of the parameters and the difference of projection over the whole image (mrcal, "Projection
-uncertainty").
+The RMS of a calibration measures how well the model fits its own corners, not the accuracy of the camera. It is
+therefore reported with the errors of the parameters and the difference of projection over the whole image (mrcal,
+"Projection uncertainty").
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class ProjectionDifference:
     x_px, y_px : (w,), (h,) arrays
         Columns and rows of the grid.
     plain, rotated : (h, w, 2) array
-        Where a ray lands minus its true pixel, as it is and with the best rotation removed; NaN where one of the two
-        does not see the ray: a calibrated polynomial may end short of the corners.
+        Projection of a ray minus its true pixel, as it is and with the best-fit rotation removed; NaN if one of the
+        cameras does not see the ray: a calibrated polynomial may not reach the corners.
     """
 
     x_px: Array
@@ -55,7 +55,7 @@ class ProjectionDifference:
 
     @property
     def share(self) -> float:
-        """The part of the image's rays that both cameras see."""
+        """Fraction of the image's rays that both cameras see."""
         return float(np.isfinite(self.plain).all(axis=-1).mean())
 
     def figures(self) -> dict[str, float]:
@@ -68,11 +68,10 @@ class ProjectionDifference:
 
 
 def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference:
-    """How far the same ray lands from its true pixel, over a grid of the whole image.
+    """Difference between the projections of the same ray, over a grid of the whole image.
 
-    `rotated` has the rotation removed that brings the two nearest in the sense of least squares (mrcal,
-    "Differencing cameras"): a calibration may trade principal point for rotation, and a pose estimated with it does so
-    too.
+    `rotated` has the least-squares rotation between the cameras removed (mrcal, "Differencing cameras"): a calibration
+    may trade principal point for rotation, as does a pose estimated with it.
     """
     from scipy.optimize import least_squares
 
@@ -83,7 +82,7 @@ def projection_difference(camera: Camera, truth: Camera) -> ProjectionDifference
     def miss(rotation: Array) -> Array:
         return project(camera, rays @ cv2.Rodrigues(rotation)[0].T) - grid
 
-    # A ray that the rotation carries out of the field has no say in the fit.
+    # Rays that the rotation moves out of the field do not enter the fit.
     fit = least_squares(lambda r: np.nan_to_num(miss(r)).ravel(), np.zeros(3), x_scale=1e-3)
     plain, rotated = (miss(r).reshape(len(v), len(u), 2) for r in (np.zeros(3), fit.x))
     return ProjectionDifference(u, v, plain, rotated)
@@ -96,13 +95,13 @@ def calibration_errors(camera: Camera, truth: Camera) -> dict[str, float]:
     -------
     dict
         fx_error_pct, fy_error_pct, cx_error_px, cy_error_px, k1_error ... k3_error, projection_mean_px,
-        projection_max_px, the last two with the best rotation removed, and the share of the image they stand for.
-        Parameters are left out where the true lens has terms that the calibration has not: there each of them takes
-        up some of what is missing, and none is comparable.
+        projection_max_px, the last two with the best-fit rotation removed, and the share of the image they cover.
+        Parameters are left out if the true lens has terms that the calibration lacks: each parameter then absorbs some
+        of the missing terms, and none is comparable.
     """
     if (camera.width_px, camera.height_px) != (truth.width_px, truth.height_px):
         raise NotComparableError(
-            f"the camera file is of {camera.width_px}x{camera.height_px} px, the dataset of "
+            f"the camera file is for {camera.width_px}x{camera.height_px} px, the dataset has "
             f"{truth.width_px}x{truth.height_px} px; calibrate with this dataset's camera"
         )
     difference = projection_difference(camera, truth)
@@ -131,15 +130,15 @@ def _parameter_errors(camera: Camera, truth: Camera) -> dict[str, float]:
 
 
 def corner_offsets_px(corners_px: Array, camera_from_board: Array, layout: BoardLayout, camera: Camera) -> Array:
-    """Corners found minus their true image (N, 2), px."""
+    """Detected corners minus their true images (N, 2), px."""
     points = board_points_m(layout) @ camera_from_board[:3, :3].T + camera_from_board[:3, 3]
     return corners_px - project(camera, points)
 
 
 def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: Calibration) -> dict[str, Any]:
-    """A calibration in numbers: its own residual, its corners and its camera beside the truth.
+    """A calibration in numbers: its own residual, its corners, and its camera compared with the truth.
 
-    The errors of the camera are left out when the views were taken by different cameras, where there is no one truth.
+    The errors of the camera are left out if the views were taken by different cameras, without a single truth.
     """
     index, cameras = frame_cameras(dataset)
     truth = rows_of_kind(dataset, ("chessboard",))
@@ -177,17 +176,17 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
 def calibrate_dataset(
     dataset_path: str | Path, camera_path: str | Path, group: str | None = None, count: int | None = None
 ) -> dict[str, Any]:
-    """Calibrate from a dataset's chessboards, write the camera file, and tell what it is worth.
+    """Calibrate from a dataset's chessboards, write the camera file, and return its errors.
 
     Parameters
     ----------
     dataset_path : path
     camera_path : path
-        Where the camera file goes: the camera keys of `cameras.json`, and no truth.
+        The camera file to write: the camera keys of `cameras.json`, without truth.
     group : str, optional
         As `calibrate`.
     count : int, optional
-        Only the first so many views.
+        Use only the first `count` views.
 
     Returns
     -------
@@ -203,7 +202,7 @@ def calibrate_dataset(
 def write_calibration(
     dataset: Dataset, views: list[BoardView], camera_path: str | Path, group: str | None
 ) -> dict[str, Any]:
-    """The camera file of these views; returns what it is worth, as `calibration_summary`."""
+    """Write the camera file of these views; returns its errors, as `calibration_summary`."""
     calibration = calibrate_views(views)
     record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
     write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())
@@ -219,16 +218,16 @@ def calibration_lines(summary: dict[str, Any]) -> list[str]:
     lines = [f"calibration: {views}, RMS {summary['rms_px']:.4f} px"]
     if "projection_mean_px" not in summary:
         return lines
-    parameters = "its lens model has terms that the calibration has not, so that only projection compares"
+    parameters = "its lens model has terms that the calibration lacks, so only projection is compared"
     if "fx_error_pct" in summary:
         parameters = (
             f"fx {summary['fx_error_pct']:+.3f} %, fy {summary['fy_error_pct']:+.3f} %, "
             f"cx {summary['cx_error_px']:+.3f} px, cy {summary['cy_error_px']:+.3f} px"
         )
     share = summary["projection_share"]
-    over = "" if share == 1 else f" over {100 * share:.0f} % of the image; the calibrated lens ends short of the rest"
+    over = "" if share == 1 else f" over {100 * share:.0f} % of the image; the calibrated lens does not cover the rest"
     lines.append(
-        f"against the true camera: {parameters}; projection off by {summary['projection_mean_px']:.3f} px in the mean, "
-        f"{summary['projection_max_px']:.3f} px at most{over}"
+        f"against the true camera: {parameters}; mean projection error {summary['projection_mean_px']:.3f} px, "
+        f"maximum {summary['projection_max_px']:.3f} px{over}"
     )
     return lines

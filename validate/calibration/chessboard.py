@@ -30,12 +30,12 @@ class BoardLayout:
 
 
 def layout_of(layout: Mapping[str, Any]) -> BoardLayout:
-    """The layout that a marker's record in `cameras.json` describes.
+    """The layout described by a marker's record in `cameras.json`.
 
     Raises
     ------
     DataError
-        If a key is missing or is no number.
+        If a key is missing or is not a number.
     """
     try:
         return BoardLayout(int(layout["columns"]), int(layout["rows"]), float(layout["square_m"]))
@@ -54,7 +54,8 @@ def board_points_m(layout: BoardLayout) -> Array:
 def grey(image: ArrayLike) -> Array:
     """An image (H, W[, C]) of any depth as grey levels (H, W) in [0, 255], float64.
 
-    Eight bits keep their values; deeper images are scaled by their own range, for OpenCV's detector reads eight bits.
+    8-bit images keep their values; deeper images are scaled by their range of values, because OpenCV's detector reads
+    8 bits.
     """
     pixels = np.asarray(image)
     levels = pixels.astype(np.float64)
@@ -74,19 +75,19 @@ def detect_corners(image: ArrayLike, columns: int, rows: int) -> Array | None:
     image : (H, W[, C]) array_like
         Of any depth.
     columns, rows : int
-        Inner corners; one odd and one even, so that the board has one way up.
+        Inner corners; one odd and one even, so that the board's orientation is unique.
 
     Returns
     -------
     (columns * rows, 2) array or None
-        Pixels, row by row from the print's top-left corner; None when the board was not found.
+        Pixels, row by row from the print's top-left corner; None if the board was not found.
 
     Notes
     -----
     `cv2.findChessboardCornersSB` (Duda and Frese, 2018) finds the grid, but on exact renders its corners share an
-    offset of up to 0.06 px within an image, and of 0.4 px where squares are small and tilted. `cv2.cornerSubPix` has
-    no such offset, and scatters by 0.04 px on sharp images, where the finite differences of a step one pixel wide are
-    no gradient; a Gaussian of 1.5 px before it brings that to 0.01 px.
+    offset of up to 0.06 px within an image, and of 0.4 px if squares are small and tilted. `cv2.cornerSubPix` has no
+    such offset, but has a scatter of 0.04 px on sharp images, where finite differences across a step of one pixel do
+    not approximate the gradient; a Gaussian of 1.5 px before it reduces the scatter to 0.01 px.
     """
     levels = grey(image)
     flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -98,27 +99,27 @@ def detect_corners(image: ArrayLike, columns: int, rows: int) -> Array | None:
 
 
 def _refined(levels: Array, grid: Array) -> Array:
-    """The corners once more by `cornerSubPix`, in the widest window that holds no other corner."""
+    """The corners refined by `cornerSubPix`, in the largest window without another corner."""
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
     window = int(np.clip(0.4 * min(steps), 2, 8))
-    # Twice this blur within the window, or the Gaussian's tails are cut and the iteration wanders off.
+    # The window must contain twice this blur, or it cuts the Gaussian's tails and the iteration drifts.
     sigma = min(1.5, window / 4)
     smooth = cv2.GaussianBlur(levels.astype(np.float32), (0, 0), sigma)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-6)
     start = np.ascontiguousarray(grid.reshape(-1, 1, 2), dtype=np.float32)
     refined = cv2.cornerSubPix(smooth, start.copy(), (window, window), (-1, -1), criteria)
     moved = np.asarray(refined, dtype=np.float64).reshape(grid.shape)
-    # Where squares are 15 px wide and tilted, the detector is off by a pixel: that much the refinement may mend.
-    # Farther than a quarter of a square it has met something else, a glint say, and the detector's answer stands.
+    # For tilted squares of 15 px the detector is off by a pixel, which the refinement may correct. A correction of more
+    # than a quarter of a square has locked on something else, such as a glint, and the detector's corner is kept.
     wandered = np.linalg.norm(moved - grid, axis=-1, keepdims=True) > 0.25 * min(steps)
     return np.where(wandered, grid, moved)
 
 
 def _upright(grid: Array, levels: Array) -> Array:
-    """The grid (rows, columns, 2) such that it starts at the print's top left, told by the colours of the squares."""
+    """The grid (rows, columns, 2) reordered to start at the print's top left, by the colours of the squares."""
     right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if right[0] * down[1] - right[1] * down[0] < 0:
-        # A print is never seen from behind: the columns were counted backwards.
+        # A print is never viewed from behind, so the columns were counted backwards.
         grid = grid[:, ::-1]
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     column = np.clip(np.rint(centres[..., 0]).astype(int), 0, levels.shape[1] - 1)
@@ -131,11 +132,11 @@ def _upright(grid: Array, levels: Array) -> Array:
 def pose_of_corners(corners_px: ArrayLike, layout: BoardLayout, camera: Camera) -> Array | None:
     """Pose `camera_from_board` (4, 4) from corners (N, 2) in the order of `board_points_m`.
 
-    IPPE (Collins and Bartoli, 2014) gives both poses of a plane; that with the smaller residual is refined by
-    Levenberg-Marquardt on the reprojection error. None where OpenCV finds no pose in front of the camera.
+    IPPE (Collins and Bartoli, 2014) gives both poses of a plane; the one with the smaller residual is refined by
+    Levenberg-Marquardt on the reprojection error. None if OpenCV finds no pose in front of the camera.
     """
     points = board_points_m(layout)
-    # Our own undistortion is exact to the last bit, OpenCV's iterates five times.
+    # Roundel's undistortion is exact to the last bit, OpenCV's iterates five times.
     flat = np.ascontiguousarray(undistort_px(camera, corners_px).reshape(-1, 1, 2))
     if not np.all(np.isfinite(flat)):
         return None
@@ -152,6 +153,6 @@ def pose_of_corners(corners_px: ArrayLike, layout: BoardLayout, camera: Camera) 
 
 
 def board_pose(image: ArrayLike, layout: BoardLayout, camera: Camera) -> Array | None:
-    """Pose `camera_from_board` (4, 4) of the chessboard in an image; None when it is not found."""
+    """Pose `camera_from_board` (4, 4) of the chessboard in an image; None if it is not found."""
     corners = detect_corners(image, layout.columns, layout.rows)
     return None if corners is None else pose_of_corners(corners, layout, camera)

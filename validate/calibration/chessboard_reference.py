@@ -1,7 +1,7 @@
 """Reference pose from the chessboard: the pose of a circle from the board printed beside it, by `cv2.solvePnP`.
 
-That is how the paper judges real photographs. Here the truth is known as well, so the witness is examined first: its
-own pose is scored against the truth as method `chessboard_pnp`.
+The paper evaluates real photographs in this way. Here the truth is also known, so the reference's own error is measured
+first: its pose is scored against the truth as method `chessboard_pnp`.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Reference:
-    """Poses of boards from images, and what they say about the circles beside them.
+    """Poses of boards from images, and the resulting poses of the circles beside them.
 
     Attributes
     ----------
     rows : pyarrow.Table
         Rows of scores.parquet: the boards' poses against the truth.
     circles : Targets or None
-        The circles that stand beside a board, as the board places them.
+        The circles beside a board, with poses from the board.
     circle_rows : pyarrow.Table or None
-        The same poses as rows of scores.parquet, against the truth: what the board is worth on the circle's own grid.
+        The same poses as rows of scores.parquet, against the truth: errors of the board on the circle's own grid.
     """
 
     rows: pa.Table
@@ -52,7 +52,7 @@ class Reference:
 def reference_of(
     dataset: Dataset, views: list[BoardView], targets: Targets, camera: Camera | None, label: str
 ) -> Reference:
-    """Poses of all boards, scored, and the circles they place.
+    """Scored poses of all boards, and the resulting poses of circles.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def reference_of(
     targets : Targets
         Every true circle.
     camera : Camera or None
-        The intrinsics of the reference; each frame's true camera where None.
+        The intrinsics of the reference; if None, each frame's true camera.
     label : str
-        What the records call these intrinsics.
+        Label of these intrinsics in the records.
     """
     index, cameras = frame_cameras(dataset)
     truth = rows_of_kind(dataset, ("chessboard",))
@@ -77,7 +77,7 @@ def reference_of(
             if pose is not None:
                 estimates[view.frame_id, view.marker_id] = pose
     rows = _rows(truth, views, true_poses, estimates, index, cameras, camera, label)
-    # One board a frame places its circles; a sheet has no more.
+    # One board per frame gives the poses of its circles; a sheet has no more.
     board_in = {frame: key for key in true_poses for frame in (key[0],)}
     beside = np.array([i for i, f in enumerate(targets.frame_id.tolist()) if f in board_in], dtype=np.int64)
     if not len(beside):
@@ -87,7 +87,7 @@ def reference_of(
     for i, frame in enumerate(circles.frame_id.tolist()):
         key = board_in[frame]
         if key in estimates:
-            # Where disc and board lie on the sheet is known to whoever printed it; the truth serves as that drawing.
+            # The layout of disc and board on the sheet is known from its drawing; here it is taken from the truth.
             board_from_circle = np.linalg.inv(true_poses[key]) @ circles.camera_from_marker[i]
             placed[i] = estimates[key] @ board_from_circle
     found = np.isfinite(placed).all(axis=(1, 2))
@@ -100,7 +100,7 @@ def reference_of(
 def _candidates(
     found: NDArray[np.bool_], pose: Array, index: NDArray[np.int64], cameras: list[Camera], camera: Camera | None
 ) -> Candidates:
-    """One pose a target: (N, 4, 4), by the camera of the reference or by each frame's own."""
+    """One pose per target: (N, 4, 4), with the camera of the reference or each frame's own."""
     n = len(found)
     has = np.stack([found, np.zeros(n, dtype=bool)], axis=1)
     two = np.stack([pose, np.full_like(pose, np.nan)], axis=1)
@@ -150,5 +150,5 @@ def _rows(
 
 
 def _half_size_m(layout: BoardLayout | None) -> float:
-    """Half the longer side between the outermost inner corners: the grid of the board's reprojection error."""
+    """Half the longer side between the outermost inner corners, for the grid of the board's reprojection error."""
     return float("nan") if layout is None else (max(layout.columns, layout.rows) - 1) * layout.square_m / 2

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BoardView:
-    """One look for a chessboard: where, which, and its corners (N, 2) in the order of `board_points_m`, or None."""
+    """One search for a chessboard: its frame, its layout, and its corners (N, 2) as in `board_points_m`, or None."""
 
     frame_id: int
     group: str
@@ -41,13 +41,13 @@ class Calibration:
     Attributes
     ----------
     camera : Camera
-        With OpenCV's k1, k2, p1, p2 (and k3 where five coefficients were asked for).
+        With OpenCV's k1, k2, p1, p2 (and k3 with five coefficients).
     rms_px : float
-        As `cv2.calibrateCamera` returns it.
+        As returned by `cv2.calibrateCamera`.
     rms_check_px : float
-        Computed anew from the result: root of the mean squared distance over all corners.
+        Recomputed from the result: root of the mean squared distance over all corners.
     frame_ids, missed_frame_ids : list of int
-        The views in which the board was found, and those in which it was not.
+        The views with and without a detected board.
     """
 
     camera: Camera
@@ -60,9 +60,9 @@ class Calibration:
 def look_for_boards(
     images: Images, group: str | None = None, progress: Callable[[int, int], None] | None = None
 ) -> list[BoardView]:
-    """Look for the chessboard in every frame of a group (of the dataset, unless said) that shows one.
+    """Detect the chessboard in every frame of a group (default: of the dataset) that shows one.
 
-    `progress` is called with (views done, views in all).
+    `progress` is called with (views done, total views).
     """
     frame_ids, groups = images.frame_ids, images.groups
     boards = [
@@ -81,7 +81,7 @@ def look_for_boards(
         return BoardView(frame_ids[i], groups[i], int(marker["marker_id"]), layout, size, corners)
 
     views = []
-    # Each view is a function of its image alone, and OpenCV lets go of the interpreter: threads change the time only.
+    # Each view depends only on its image, and OpenCV releases the interpreter lock: threads only change the time.
     with ThreadPoolExecutor() as pool:
         for done, view in enumerate(pool.map(look, boards), start=1):
             views.append(view)
@@ -91,7 +91,7 @@ def look_for_boards(
 
 
 def calibration_group(images: Images, asked: str | None) -> str | None:
-    """The group to calibrate from: the one asked for, else the first that shows chessboards and nothing else.
+    """The group to calibrate from: the given one, else the first that shows only chessboards.
 
     Raises
     ------
@@ -111,15 +111,15 @@ def calibration_group(images: Images, asked: str | None) -> str | None:
 
 
 def calibrate(images: Images, group: str | None = None, coefficients: int = 4) -> Calibration:
-    """Calibrate a camera from the chessboards of a dataset; the truth is not looked at.
+    """Calibrate a camera from the chessboards of a dataset, without access to the truth.
 
     Parameters
     ----------
     images : Images
     group : str, optional
-        The group of views; unless said, the first that shows chessboards alone, else all frames with a chessboard.
+        The group of views; default: the first that shows only chessboards, else all frames with a chessboard.
     coefficients : {4, 5}
-        Distortion coefficients to fit: k1, k2, p1, p2, and k3 with five. Fewer are steadier where views are few.
+        Distortion coefficients to fit: k1, k2, p1, p2, and k3 with five. Fewer are more stable with few views.
 
     Raises
     ------
@@ -132,14 +132,14 @@ def calibrate(images: Images, group: str | None = None, coefficients: int = 4) -
 
 
 def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibration:
-    """`calibrate`, from views that were looked at before."""
+    """`calibrate`, from views with detected corners."""
     if not views:
         raise NotComparableError(
-            "no frame shows a chessboard; calibrate from a group that does, as configs/chessboard.yaml"
+            "no frame shows a chessboard; calibrate from a group that does, as in configs/chessboard.yaml"
         )
     sizes = {view.camera_size_px for view in views}
     if len(sizes) > 1:
-        raise NotComparableError(f"the views have {len(sizes)} sizes of image; calibrate one camera at a time")
+        raise NotComparableError(f"the views have {len(sizes)} image sizes; calibrate one camera at a time")
     found = [(view, view.corners_px) for view in views if view.corners_px is not None]
     if len(found) < MIN_CALIBRATION_VIEWS:
         raise NotComparableError(
@@ -158,9 +158,9 @@ def _fit(
     points = [board_points_m(layout).astype(np.float32) for layout in layouts]
     pixels = [c.astype(np.float32) for c in corners]
     flags = 0 if coefficients == 5 else cv2.CALIB_FIX_K3
-    # The camera and the coefficients are outputs; OpenCV's stubs want arrays for them.
+    # Camera and coefficients are outputs; OpenCV's type stubs require arrays for them.
     empty: Any = None
-    # With several threads OpenCV 5 adds up in the order in which they finish: the last digits would differ by the run.
+    # With several threads OpenCV 5 sums in the order in which they finish, so the last digits would vary between runs.
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -175,27 +175,27 @@ def _fit(
     for layout, seen, rotation, translation in zip(layouts, corners, rotations, translations, strict=True):
         in_camera = board_points_m(layout) @ cv2.Rodrigues(rotation)[0].T + np.ravel(translation)
         squared.append(np.sum((project(camera, in_camera) - seen) ** 2, axis=-1))
-    # A polynomial may have been fitted beyond the field it grows in: a corner out there has no image, and no residual.
+    # A corner outside the range in which the fitted polynomial increases has no image and no residual.
     return camera, float(rms), float(np.sqrt(np.nanmean(np.concatenate(squared))))
 
 
 def first_views(views: list[BoardView], count: int | None) -> list[BoardView]:
-    """The first `count` views of a calibration, whether the board was found in them or not; all of them for None.
+    """The first `count` views of a calibration, with or without a detected board; all views for None.
 
     Raises
     ------
     UsageError
-        If there are not that many.
+        If there are fewer views.
     """
     if count is None:
         return views
     if count > len(views):
-        raise UsageError(f"{count} views are asked for, and {len(views)} show a chessboard; ask for as many or fewer")
+        raise UsageError(f"{count} views are requested, but {len(views)} show a chessboard; request at most that many")
     return views[:count]
 
 
 def calibration_to_json(calibration: Calibration, dataset_id: str | None, group: str | None) -> dict[str, Any]:
-    """A camera file: the camera keys of `cameras.json`, and where they come from. It holds no truth."""
+    """A camera file: the camera keys of `cameras.json` and their source, without truth."""
     return {
         **camera_to_json(calibration.camera),
         "calibration": {
@@ -219,7 +219,7 @@ def read_camera(path: str | Path) -> Camera:
     UsageError
         If there is no such file.
     DataError
-        If it is no camera.
+        If it is not a camera file.
     """
     path = Path(path)
     try:

@@ -29,22 +29,22 @@ from roundel.validate.calibration.opencv import (
 )
 from roundel.validate.metrics.ground_truth import frame_cameras
 
-# Draws of so many views, to show by how much calibrations from few views differ: half a second of OpenCV's work.
+# Number of random subsets of views, to show the scatter of calibrations from few views: half a second in OpenCV.
 SUBSETS = 10
 
 
 @dataclass(frozen=True)
 class Calibrations:
-    """Calibrations from the first N views, and from as many views drawn at random.
+    """Calibrations from the first N views, and from random subsets of N views.
 
     Attributes
     ----------
     records : list of dict
         As `calibration_summary`, with `label`; fewest views first.
     differences : list of ProjectionDifference
-        Of each record, where there is one true camera; else empty.
+        Of each record, if there is a single true camera; else empty.
     subsets : list of dict
-        `views`, `rms_px` and what `calibration_errors` has, a draw each.
+        `views`, `rms_px` and the keys of `calibration_errors`, one per subset.
     """
 
     records: list[dict[str, Any]]
@@ -55,7 +55,7 @@ class Calibrations:
 def calibrate_study(
     dataset_path: str | Path, solve: SolveSection, camera_path: Path, folder: Path
 ) -> tuple[list[dict[str, Any]], dict[str, Path]]:
-    """The camera files that a study's intrinsics ask for; the boards are looked for once.
+    """The camera files required by a study's intrinsics; the boards are detected once.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ def calibrate_study(
     solve : SolveSection
         Its `calibrate_from` is a group of chessboards.
     camera_path : path
-        The camera from all views: that of `calibrated`, and of the reference pose by chessboard.
+        Camera file from all views: used by `calibrated`, and for the reference pose from the chessboard.
     folder : path
-        Where `calibrated:5` becomes `5.json`: estimates carry the stem of the file as their label.
+        Folder in which `calibrated:5` becomes `5.json`; the file's stem is the label of the estimates.
 
     Returns
     -------
@@ -88,20 +88,20 @@ def calibrate_study(
 
 
 def several_calibrations(dataset: Dataset, views: list[BoardView], labels: Sequence[str]) -> Calibrations | None:
-    """The calibrations that labels such as `calibrated:5` name, made anew from the views and judged.
+    """Compute the calibrations named by labels such as `calibrated:5` from the views, and their errors.
 
     Parameters
     ----------
     dataset : Dataset
     views : list of BoardView
-        Of the group that is calibrated from, in its order.
+        Views of the calibration group, in its order.
     labels : sequence of str
         A study's intrinsics.
 
     Returns
     -------
     Calibrations or None
-        None where no label names a number of views; what cannot be calibrated is left out.
+        None if no label gives a number of views; failed calibrations are left out.
     """
     counts = sorted({n for label in labels if (n := IntrinsicsLabel.of(label).views) is not None and n <= len(views)})
     if not counts:
@@ -124,7 +124,7 @@ def several_calibrations(dataset: Dataset, views: list[BoardView], labels: Seque
     if truth is not None and records:
         rng = np.random.default_rng(0)
         for count in counts[:2]:
-            # Draws of almost all views would be nearly the same views.
+            # Subsets of almost all views would be nearly identical.
             for _ in range(SUBSETS if 2 * count <= len(found) else 0):
                 chosen = np.sort(rng.choice(len(found), count, replace=False))
                 calibration = calibrate_views([found[i] for i in chosen.tolist()])
@@ -134,15 +134,15 @@ def several_calibrations(dataset: Dataset, views: list[BoardView], labels: Seque
 
 
 def spread_in_words(subsets: list[dict[str, Any]]) -> list[str]:
-    """How much calibrations from few views differ, a sentence a number of views."""
+    """Sentences on the scatter of calibrations from few views, one per number of views."""
     lines = []
     for count in sorted({subset["views"] for subset in subsets}):
         mine = [s for s in subsets if s["views"] == count]
         errors = np.array([s.get("fx_error_pct", np.nan) for s in mine])
         rms = np.array([s["rms_px"] for s in mine])
         mean = np.array([s["projection_mean_rotated_px"] for s in mine])
-        text = f"{len(mine)} draws of {count} views: residual RMS {rms.min():.3f} to {rms.max():.3f} px"
+        text = f"{len(mine)} random subsets of {count} views: residual RMS {rms.min():.3f} to {rms.max():.3f} px"
         if np.isfinite(errors).all():
             text += f", fx off by {errors.min():+.3f} to {errors.max():+.3f} %"
-        lines.append(f"{text}, projection off by {mean.min():.3f} to {mean.max():.3f} px in the mean.")
+        lines.append(f"{text}, mean projection error {mean.min():.3f} to {mean.max():.3f} px.")
     return lines

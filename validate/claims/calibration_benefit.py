@@ -1,7 +1,7 @@
 """Benefit of a calibration: errors with and without it on the same frames.
 
-The paper's question. Its experiments keep the marker on the optical axis, where the normal does not depend on the focal
-length at all (errata, section 5); the frames off the axis answer it for everybody else, so the two are told apart.
+This is the paper's question. Its experiments keep the marker on the optical axis, where the normal does not depend on
+the focal length at all (errata, section 5). Frames off the axis are the general case, so both are reported separately.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ FACTOR = 2.0
 _MIN_PART = 30
 _MIN_BIN, _MAX_BINS = 14, 9
 _RESAMPLES = 1999
-# An error of points without noise; a ratio to it is large, and still a number.
+# Lower limit of the denominator, for points without noise: the ratio is large but finite.
 _NOTHING = 1e-9
 
 
-# The errors that the question is asked of.
+# The errors that are compared.
 ERRORS = HEADLINE
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Frames of one part, in bins of one variable.
+    """Circles of one part of the image, in bins of one variable.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Panel:
     low, high, middle : (bins,) arrays
         Extremes and median of the variable in each bin.
     gains : dict
-        By error's name: `error_ratio` each bin.
+        By the error's name: `error_ratio` of each bin.
     """
 
     part: str
@@ -60,16 +60,16 @@ class Panel:
 
 @dataclass(frozen=True)
 class CalibrationBenefit:
-    """Errors of every kind of intrinsics on the same circles, and what calibration gains.
+    """Errors of every kind of intrinsics on the same circles, and the benefit of calibration.
 
     Attributes
     ----------
     method, calibrated, uncalibrated : str
-        The two labels that are compared: the calibration from the fewest views, and the default.
+        The method, and the two labels that are compared: the calibration from the fewest views, and the default.
     labels : list of str
         All kinds of intrinsics, the best known first.
     errors : dict
-        By error's name and label: (circles,) arrays, NaN where it was not solved. `chessboard` is the pose by solvePnP.
+        By the error's name and label: (circles,) arrays, NaN if not solved. `chessboard` is the pose by solvePnP.
     panels : list of Panel
     on_axis, off_axis : index arrays
     """
@@ -98,21 +98,21 @@ def off_axis_deg(truth: pa.Table) -> dict[tuple[int, int], float]:
 def calibration_benefit(
     table: pa.Table, offset_deg: dict[tuple[int, int], float], board: pa.Table | None = None
 ) -> CalibrationBenefit | None:
-    """What calibration is worth, from a table of scores.
+    """The benefit of calibration, from a table of scores.
 
     Parameters
     ----------
     table : pyarrow.Table
-        Rows of scores.parquet; those against the truth count.
+        Rows of scores.parquet; only those against the truth are used.
     offset_deg : dict
         From `off_axis_deg`.
     board : pyarrow.Table, optional
-        The same circles as the chessboard beside them places them, scored likewise.
+        Scores of the same circles with the poses given by the chessboard beside them.
 
     Returns
     -------
     CalibrationBenefit or None
-        None where no method has both calibrated and uncalibrated intrinsics.
+        None if no method has both calibrated and uncalibrated intrinsics.
     """
     truth = table.filter(pa.array([r == "truth" for r in table["reference"].to_pylist()]))
     for method in sorted(set(truth["method"].to_pylist()) - {CHESSBOARD}):
@@ -125,7 +125,7 @@ def calibration_benefit(
 
 
 def _pair(labels: list[str]) -> tuple[str, str] | None:
-    """The calibration from the fewest views, and the intrinsics that someone without one would take."""
+    """The calibration from the fewest views, and the intrinsics used without a calibration."""
     calibrated = [label for label in labels if label.startswith("calibrated:")]
     wrong = [label for label in labels if not IntrinsicsLabel.of(label).is_right and label != "exif"] or [
         x for x in labels if x == "exif"
@@ -176,7 +176,7 @@ def _worth(
 
 def _panel(part: str, name: str, values: Array, rows: NDArray[np.int64]) -> Panel:
     if name == "off_axis_deg":
-        # All that is on the axis is one bin, however much of it there is.
+        # All circles on the axis form one bin, whatever their number.
         near, far = rows[values[rows] <= ON_AXIS_DEG], rows[values[rows] > ON_AXIS_DEG]
         bins = [*([near] if len(near) else []), *_even(values, far)]
     else:
@@ -197,30 +197,30 @@ def _even(values: Array, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def median_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
-    """Median error of some circles, over those that were solved."""
+    """Median error of the given circles, over those that were solved."""
     values = worth.errors[error][label][rows]
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
 def level_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
-    """Median error of some circles with its interval."""
+    """Median error of the given circles with its interval."""
     return bootstrap_interval(worth.errors[error][label][rows], "median", level=LEVEL)
 
 
 def error_ratio(
     worth: CalibrationBenefit, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None
 ) -> Interval:
-    """Median error without calibration over that with it; circles are drawn in pairs.
+    """Median error without calibration over that with it, with a paired bootstrap interval.
 
     Parameters
     ----------
     worth : CalibrationBenefit
     error : str
     rows : index array
-        Circles; those that one of the two did not solve are left out.
+        Circles; those that are not solved with both are left out.
     uncalibrated : str, optional
-        Another label to compare with.
+        Another label to compare with `calibrated`.
     """
     a = worth.errors[error][uncalibrated or worth.uncalibrated][rows]
     b = worth.errors[error][worth.calibrated][rows]
@@ -238,7 +238,7 @@ def error_ratio(
 
 
 def verdict_of(gain: Interval, factor: float = FACTOR) -> str:
-    """`yes` where the interval lies above the factor, `no` where below, else `open`."""
+    """`yes` if the interval is above the factor, `no` if it is below, else `open`."""
     if gain.low is None or gain.high is None:
         return "open"
     return "yes" if gain.low > factor else "no" if gain.high < factor else "open"

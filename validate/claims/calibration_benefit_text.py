@@ -31,12 +31,12 @@ Rows = NDArray[np.int64]
 
 
 def title_of(label: str) -> str:
-    """Intrinsics, or the chessboard, for people."""
+    """Displayed name of intrinsics or of the chessboard."""
     return "chessboard, solvePnP" if label == BOARD else IntrinsicsLabel.of(label).title
 
 
 def answer(worth: CalibrationBenefit) -> list[str]:
-    """Sentences: the answer in one, then each error's, then what more views and other intrinsics would change."""
+    """Sentences: the overall answer, then one per error, then the effect of more views and of other intrinsics."""
     views = IntrinsicsLabel.of(worth.calibrated).views
     source = "A calibration" if views is None else f"A calibration from {views} views"
     places = {error.words: _in_short(worth, error) for error in ERRORS}
@@ -59,7 +59,7 @@ def answer(worth: CalibrationBenefit) -> list[str]:
 
 
 def where(verdicts: Sequence[str], low: Sequence[float], high: Sequence[float], unit: str) -> str:
-    """Where verdicts along a variable are `yes`: everywhere, nowhere, from a value on, up to one, or in a list.
+    """Range of a variable in which verdicts are `yes`: everywhere, nowhere, from a value on, up to one, or a list.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def _parts(worth: CalibrationBenefit) -> list[tuple[str, str, Rows]]:
 
 
 def _of_part(worth: CalibrationBenefit, error: Metric, part: str) -> str:
-    """Where in this part: off the axis by offset, else by distance."""
+    """Range with a benefit in this part: by offset off the axis, else by distance."""
     offset = _panel(worth, "all", "off_axis_deg")
     if part == "off_axis" and offset is not None:
         return _where(worth, error, offset, ON_AXIS_DEG)
@@ -128,19 +128,19 @@ def _of_error(worth: CalibrationBenefit, error: Metric) -> str:
         without = median_of(worth, error.name, worth.uncalibrated, rows)
         with_it = median_of(worth, error.name, worth.calibrated, rows)
         gain = error_ratio(worth, error.name, rows)
-        text = f"{words} {number(without)}{error.suffix} against {number(with_it)}{error.suffix}, {_times(gain)}"
+        text = f"{words} {number(without)}{error.suffix} and {number(with_it)}{error.suffix}, {_times(gain)}"
         panels = [_panel(worth, part, name) for name in ("distance_D", "tilt_deg")]
         places = dict.fromkeys(_where(worth, error, p) for p in panels if p is not None and len(p.bins) > 1)
         mixed = [place for place in places if place not in ("everywhere", "nowhere")]
         texts.append(text + (f" (more than {FACTOR:g} {' and '.join(mixed)})" if mixed else ""))
-    return f"Median {error.words} error without against with calibration: {'; '.join(texts)}."
+    return f"Median {error.words} error without and with calibration: {'; '.join(texts)}."
 
 
 def _times(gain: Interval) -> str:
     if gain.value is None:
-        return "no frame in common"
+        return "no frames in common"
     bounds = "" if gain.low is None else f" [{number(gain.low, 2)}, {number(gain.high, 2)}]"
-    return f"a factor {number(gain.value, 2)}{bounds}"
+    return f"a factor of {number(gain.value, 2)}{bounds}"
 
 
 def _levels(worth: CalibrationBenefit, label: str, rows: Rows) -> str:
@@ -156,7 +156,7 @@ def _more_views(worth: CalibrationBenefit) -> list[str]:
     ordered = sorted(counted, key=lambda label: IntrinsicsLabel.of(label).views or 0)
     texts = "; ".join(f"{IntrinsicsLabel.of(label).views} views {_levels(worth, label, rows)}" for label in ordered)
     truth = f"; the true camera {_levels(worth, 'true', rows)}" if "true" in worth.labels else ""
-    return [f"What more views give, {words} ({', '.join(e.words for e in ERRORS)}): {texts}{truth}."]
+    return [f"Median errors with more views, {words} ({', '.join(e.words for e in ERRORS)}): {texts}{truth}."]
 
 
 def _other_intrinsics(worth: CalibrationBenefit) -> list[str]:
@@ -165,13 +165,14 @@ def _other_intrinsics(worth: CalibrationBenefit) -> list[str]:
         return []
     every = [worth.uncalibrated, *others]
     return [
-        f"Without a calibration, {words}: {'; '.join(f'{title_of(x)} {_levels(worth, x, rows)}' for x in every)}."
+        f"Median errors without a calibration, {words}: "
+        f"{'; '.join(f'{title_of(x)} {_levels(worth, x, rows)}' for x in every)}."
         for _, words, rows in _parts(worth)
     ]
 
 
 def _focal_alone(worth: CalibrationBenefit) -> list[str]:
-    """Where a wrong focal length alone does no harm to the normal, and default intrinsics do: they lack more."""
+    """A remark if default intrinsics harm the normal but a wrong focal length alone does not."""
     scaled = [label for label in worth.labels if label.startswith("scaled:")]
     found = next(((words, rows) for part, words, rows in _parts(worth) if part == "on_axis"), None)
     if found is None or not scaled:
@@ -181,9 +182,9 @@ def _focal_alone(worth: CalibrationBenefit) -> list[str]:
     if not harmless or verdict_of(error_ratio(worth, NORMAL.name, rows)) != "yes":
         return []
     return [
-        f"{words[:1].upper()}{words[1:]} a focal length that is wrong alone leaves the normal as it is; what "
-        f"{title_of(worth.uncalibrated)} intrinsics cost there is the place of the principal point and the distortion, "
-        "which the paper's synthetic camera does not have."
+        f"{words[:1].upper()}{words[1:]}, a wrong focal length alone does not change the normal. The error of "
+        f"{title_of(worth.uncalibrated)} intrinsics there comes from the principal point and the distortion, which the "
+        "paper's synthetic camera does not have."
     ]
 
 
@@ -193,13 +194,13 @@ def _chessboard(worth: CalibrationBenefit) -> list[str]:
     _, words, rows = _parts(worth)[-1]
     found = int(np.isfinite(worth.errors[NORMAL.name][BOARD][rows]).sum())
     return [
-        f"The chessboard beside the marker places the same circles by solvePnP, {words}: "
-        f"{_levels(worth, BOARD, rows)}, found in {found} of {len(rows)} frames."
+        f"Median errors of the same circles from the chessboard beside the marker (solvePnP), {words}: "
+        f"{_levels(worth, BOARD, rows)}; the board was found in {found} of {len(rows)} frames."
     ]
 
 
 def benefit_record(worth: CalibrationBenefit) -> dict[str, Any]:
-    """The numbers for summary.json, plain values."""
+    """The numbers for summary.json, as plain values."""
     panels = []
     for panel in worth.panels:
         for error in ERRORS:

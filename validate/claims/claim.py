@@ -12,46 +12,46 @@ from roundel.validate.claims.conditions import Condition
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Decision
 
-# Fewer circles show no trend worth a verdict; where more than this share is lost, what is left may be the easy ones.
+# Fewer circles show no reliable trend. If less than this share is solved, the rest may be only the easy circles.
 MIN_CIRCLES = 30
 MIN_PAIRS = 10
 MIN_SOLVED = 0.9
-# Degrees: smaller errors are rounding, of frames without noise.
+# Degrees: smaller errors are rounding errors of frames without noise.
 NO_NOISE = 1e-6
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One statistic of one setting.
+    """One statistic of one condition.
 
     Attributes
     ----------
     where : str
-        Condition.
+        Name of the condition.
     on_axis : bool
-        As in the paper.
+        Whether the marker is on the optical axis, as in the paper.
     statistic : str
-        What the number is, with its unit.
+        The statistic's name, with its unit.
     value, low, high : float or None
-        The number and its 95 % interval.
+        The statistic and its 95 % interval.
     n : int
-        Circles.
+        Number of circles.
     region : str
-        Where the number must lie for the claim to hold.
+        The range in which the claim is true.
     p : float or None
-        Two-sided, before the correction for the family; None where the frames cannot say.
+        Two-sided, before the correction for the family; None if the statistic cannot be tested.
     inside : bool
-        Whether the number itself lies in the region.
+        Whether the point estimate is in the region.
     reason : str
-        Why the frames cannot say.
+        Why the frames cannot decide.
     main : bool
-        Whether it is the claim itself, or stands beside it.
+        Whether the statistic is the claim itself, or an additional one.
     words : str
         The statistic as a clause, with `{}` for the number and its interval.
     p_adjusted : float or None
         `p` after Holm's correction over all statistics of a report; None before it.
     holds : bool or None
-        What the number decides; None where it is not sure, or before the correction.
+        The decision; None if it is not significant, or before the correction.
     """
 
     where: str
@@ -79,24 +79,24 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the paper and what the frames say of it.
+    """A claim of the paper and the findings on it.
 
     Attributes
     ----------
     key : str
-        Of lower-case letters and hyphens; its picture is `verdict-KEY`.
+        Lower-case letters and hyphens; its picture is `verdict-KEY`.
     claim : str
-        In our words.
+        The claim, paraphrased.
     source : str
-        Where the paper makes it.
+        Place in the paper.
     findings : sequence of Finding
-        The paper's own setting first.
+        The paper's own condition first.
     condition : str
-        Under which it is true, with both sides.
+        The condition under which the claim is true.
     conditional : bool
-        It is known to be true under that condition only, even if these frames show one side.
+        Whether the claim is known to be true only under that condition, even if these frames show one side.
     remarks : sequence of (str, str)
-        A setting's name, and what else its frames show: not tested.
+        Name of a condition, and an additional observation that is not tested.
     """
 
     key: str
@@ -118,7 +118,7 @@ def found(
     logarithm: bool = False,
     main: bool = True,
 ) -> Finding:
-    """A finding from a decision; `logarithm` if the statistic is the logarithm of what is shown."""
+    """A finding from a decision; `logarithm` if the statistic is the logarithm of the displayed number."""
     low, high = decision.estimate.interval()
     value, low, high = (math.exp(v) if logarithm else v for v in (decision.estimate.value, low, high))
     return Finding(
@@ -138,13 +138,13 @@ def found(
 
 
 def undecided(setting: Condition, statistic: str, region: str, reason: str, *, main: bool = True) -> Finding:
-    """A finding that the frames do not yield."""
+    """A finding without a decision."""
     n = len(setting.frame)
     return Finding(setting.name, setting.on_axis, statistic, None, None, None, n, region, None, False, reason, main)
 
 
 def trend_conditions(settings: Sequence[Condition]) -> list[Condition]:
-    """Settings in which a trend over distance can be asked for; empty without one on the axis, as the paper's is."""
+    """Conditions that allow a trend over distance; empty without one on the axis, as in the paper."""
     size = {(s.group, s.on_axis): len(s.frame) for s in settings}
     spread = [s for s in settings if s.spans()]
     on = [s for s in spread if s.on_axis and size[s.group, True] >= size.get((s.group, False), 0)]
@@ -153,11 +153,11 @@ def trend_conditions(settings: Sequence[Condition]) -> list[Condition]:
 
 
 def problem(setting: Condition, *errors: Array, least: int = MIN_CIRCLES) -> str:
-    """Why errors of a setting decide nothing; empty if they may."""
+    """Why the errors of a condition cannot decide; empty if they can."""
     together = np.all([np.isfinite(e) for e in errors], axis=0)
     n, solved = len(together), int(together.sum())
     if solved < MIN_SOLVED * n:
-        return f"only {solved} of {n} circles are solved, perhaps the easy ones"
+        return f"only {solved} of {n} circles are solved, perhaps only the easy ones"
     if solved < least:
-        return f"{solved} circles are too few; it takes {least}"
+        return f"{solved} circles are too few; {least} are needed"
     return ""

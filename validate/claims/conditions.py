@@ -22,10 +22,10 @@ NORMAL, POSITION, RELATIVE, REPROJECTION = (
 )
 ALONG = metric.ALONG_RAY.oracle
 
-# On the optical axis, for every section of a report. The paper's camera looks at the centre of the marker. Nearer than
-# this, a focal length off by 30 % turns the normal by less than 0.15 degrees.
+# Limit of "on the optical axis" in every section of a report. The paper's camera points at the centre of the marker.
+# Within this angle, a focal length wrong by 30 % turns the normal by less than 0.15 degrees.
 ON_AXIS_DEG = 0.25
-# Intrinsics with a focal length nearer to the true one than this are no uncalibrated case (EXIF mostly is).
+# Intrinsics whose focal length is closer to the truth than this are not an uncalibrated case (EXIF usually is closer).
 WRONG_BY = 0.05
 _MAX_LEVELS, _BINS = 12, 5
 
@@ -39,21 +39,21 @@ class Condition:
     group : str
     on_axis : bool
     whole_group : bool
-        Whether the group has no other frames.
+        Whether these are all frames of the group.
     off_axis_deg, distance_D, tilt_deg : (n,) array
     frame : (n,) array of int
-        From 0.
+        Numbered from 0.
     right : str
-        The calibrated case.
+        Label of the calibrated case.
     factor : dict
         Estimated over true focal length for each uncalibrated case, farthest below 1 first.
     pure : frozenset
-        Uncalibrated cases that are wrong in the focal length alone, by a factor that the study tells. Default ones also
+        Uncalibrated cases with only the focal length wrong, by a factor known from the study. Default intrinsics also
         centre the principal point and drop the distortion.
     exact : str
-        The true intrinsics where they were used, else `right`: what `pure` is compared with.
+        The true intrinsics if they were used, else `right`; `pure` is compared with it.
     error : dict
-        (n,) array by (label, column), NaN where not solved.
+        (n,) array by (label, column), NaN if not solved.
     """
 
     group: str
@@ -76,7 +76,7 @@ class Condition:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Displayed name."""
         return self.group + ("" if self.whole_group else ", on axis" if self.on_axis else ", off axis")
 
     def of(self, label: str, name: str) -> Array:
@@ -84,20 +84,20 @@ class Condition:
         return self.error[label, name]
 
     def distances(self) -> tuple[Array, Index]:
-        """Distances in D, each circle's number among them: those of the grid, or means of bins of equal count."""
+        """Distances in D (of the grid, or means of bins of equal count) and the index of each circle's distance."""
         return _levels(self.distance_D)
 
     def tilts(self) -> tuple[Array, Index]:
-        """As `distances`, of tilts in degrees."""
+        """As `distances`, for tilts in degrees."""
         return _levels(self.tilt_deg, 3)
 
     def spans(self, ratio: float = 2.5, count: int = 3) -> bool:
-        """Whether the distances reach far enough to show a trend over them."""
+        """Whether the range of distances is large enough to show a trend."""
         return self.distance_D.max() >= ratio * self.distance_D.min() and len(np.unique(self.distances()[0])) >= count
 
 
 def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
-    """Every setting that can say something about the paper's claims, those on the axis first.
+    """Every condition that can test the paper's claims, those on the axis first.
 
     Parameters
     ----------
@@ -109,8 +109,8 @@ def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
     Returns
     -------
     list of Condition
-        Of the study's first method, against the truth. Empty for a study of something else: a sweep over anything but
-        the pose, a camera that changes from frame to frame, or no pair of a calibrated and an uncalibrated case.
+        Of the study's first method, against the truth. Empty for a study with a sweep over anything but the pose, a
+        camera that changes from frame to frame, or no pair of a calibrated and an uncalibrated case.
     """
     method = _method(table, study)
     if method is None:
@@ -150,7 +150,7 @@ class _Lens:
 
 
 def _lens(section: dict[str, Any] | None) -> _Lens | None:
-    """The group's camera, where it is one and the same in all frames."""
+    """The group's camera, or None if it differs between frames."""
     camera = (section or {}).get("camera") or {}
     focal, mm, pitch, focus = (camera.get(n) for n in ("focal_px", "focal_mm", "pixel_pitch_um", "focus_m"))
     if isinstance(mm, (int, float)) and isinstance(pitch, (int, float)):
@@ -198,7 +198,7 @@ def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens
     factor, pure = {}, set()
     for label in labels:
         told = _told_factor(label, lens)
-        # Depth takes the factor of the focal length: its own measure, where nobody says what EXIF held.
+        # Depth scales with the focal length, which gives the factor if the focal length of EXIF is unknown.
         near = error[label, ALONG] / distance_m
         k = told if told is not None else 1.0 + float(np.nanmedian(near)) if np.isfinite(near).any() else math.nan
         if label != right and abs(k - 1.0) >= WRONG_BY and not label.startswith("calibrated"):
@@ -233,7 +233,7 @@ def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens
 
 
 def _right(labels: list[str]) -> str | None:
-    """The calibrated case: a calibration from most views, as in the paper's real test; else the true intrinsics."""
+    """The calibrated case: the calibration from most views, as in the paper's real test, else the true intrinsics."""
 
     def views(label: str) -> tuple[bool, int]:
         value = label.partition(":")[2]

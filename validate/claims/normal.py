@@ -22,21 +22,21 @@ from roundel.validate.claims.conditions import NORMAL, Condition
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_ratio, log_slope, mean_of
 
-# "Grows": twice the distance makes at least 7 % more error.
+# "Grows": doubling the distance increases the error by at least 7 %.
 GROWS = 0.1
-POWER = "the {} goes with the distance to the power {{}}"
+POWER = "the {} is proportional to the distance to the power {{}}"
 # "Does not depend on the focal length": the mean error changes by less than this.
 SAME_DEG = 0.1
 
 
 def noisy(setting: Condition) -> bool:
-    """Whether the calibrated case has any error: points without noise have none, and no trend."""
+    """Whether the calibrated case has any error: points without noise have no error and no trend."""
     errors = setting.of(setting.right, NORMAL)
     return bool(np.isfinite(errors).any() and np.nanmean(errors) > NO_NOISE)
 
 
 def growths(settings: Sequence[Condition], error: str, statistic: str, subject: str) -> list[Finding]:
-    """Whether an error of the calibrated case grows with the distance, setting by setting."""
+    """Whether an error of the calibrated case grows with the distance, for each condition."""
     findings, region = [], f"above {GROWS:g}"
     for s in trend_conditions(settings):
         if not noisy(s):
@@ -62,8 +62,8 @@ def normal_grows(settings: Sequence[Condition]) -> Claim | None:
         "The error of the normal grows with the distance.",
         "section V-B, figure of the normal's orientation",
         findings,
-        "With a fixed number of edge points the law is the distance itself (slope 1); with as many points as the "
-        "contour has pixels, half a power more (slope 1.5).",
+        "With a fixed number of edge points the error is proportional to the distance (slope 1); with as many points "
+        "as the contour has pixels, to its power 1.5 (slope 1.5).",
     )
 
 
@@ -83,14 +83,15 @@ def normal_lowest_tilt(settings: Sequence[Condition]) -> Claim | None:
         if why or not known or len(known) < len(ratios):
             findings.append(undecided(s, statistic, "above 1", why or "no ratio can be fitted"))
             continue
-        words = f"at a tilt of {lowest} the error is {{}} times that at the next worst of {' and '.join(others)}"
+        words = f"at a tilt of {lowest} the error is {{}} times the largest mean error at {' and '.join(others)}"
         findings.append(found(s, statistic, words, decide_all(known, 0.0), "above 1", logarithm=True))
         cells = _cells(s)
         if cells:
             worst = sum(_largest_at_lowest(s))
-            each = "the smallest such ratio at any one distance"
+            each = "the smallest such ratio at any single distance"
             words = (
-                f"at {worst} of {len(s.distances()[0])} distances it is largest at {lowest}, the least sure ratio {{}}"
+                f"at {worst} of {len(s.distances()[0])} distances the error is largest at {lowest}; the least certain "
+                "ratio is {}"
             )
             findings.append(found(s, each, words, decide_all(cells, 0.0), "above 1", logarithm=True, main=False))
     if not findings:
@@ -100,13 +101,13 @@ def normal_lowest_tilt(settings: Sequence[Condition]) -> Claim | None:
         "The error of the normal is worst at the lowest tilt.",
         "section V-B, figure of the normal's orientation, left graph",
         findings,
-        "The paper's angle is read as the tilt between the optical axis and the plane's normal: a circle seen nearly "
-        "face on looks round whichever way it leans. Read as elevation, the claim would be false.",
+        "The paper's angle is interpreted as the tilt between the optical axis and the plane's normal: a nearly "
+        "frontal circle looks round whatever the direction of its tilt. With elevation, the claim would be false.",
     )
 
 
 def _cells(s: Condition) -> list[Estimate]:
-    """Logarithms of ratios, lowest tilt over each other, distance by distance; none where a cell has too few frames."""
+    """Logarithms of error ratios, lowest tilt over each other, per distance; empty if a cell has too few frames."""
     (distances, at), (tilts, at_tilt) = s.distances(), s.tilts()
     errors = s.of(s.right, NORMAL)
     ratios = []
@@ -130,7 +131,7 @@ def _largest_at_lowest(s: Condition) -> list[bool]:
 
 
 def normal_focal(settings: Sequence[Condition]) -> Claim | None:
-    """Claim: the normal does not depend on the focal length. True on the axis alone."""
+    """Claim: the normal does not depend on the focal length. True only on the axis."""
     findings, remarks = [], []
     for s in settings:
         if len(s.frame) < MIN_PAIRS and not (s.on_axis and s.whole_group):
@@ -141,16 +142,16 @@ def normal_focal(settings: Sequence[Condition]) -> Claim | None:
         findings.extend(_change(s, [label], main=False) for label in s.wrong if label not in s.pure)
         worst = [float(np.nanmax(c)) for label in pure if np.isfinite(c := added(s, label)).any()]
         if worst and not s.on_axis:
-            remarks.append((s.name, f"In the worst frame it adds {number(max(worst))} deg."))
+            remarks.append((s.name, f"In the worst frame the error increases by {number(max(worst))} deg."))
     if not any(f.on_axis for f in findings):
         return None
     off = any(not f.on_axis for f in findings)
     condition = (
-        "True because the marker is on the optical axis, where a wrong focal length changes the depth alone. Off axis "
-        "it turns the line of sight and the normal with it, at any distance (12.6\N{DEGREE SIGN} at 20\N{DEGREE SIGN} "
-        "off axis with x0.7 at the worst azimuth, by theory)"
+        "True because the marker is on the optical axis, where a wrong focal length changes only the depth. Off axis "
+        "it rotates the line of sight and with it the normal, at any distance (by theory 12.6\N{DEGREE SIGN} at "
+        "20\N{DEGREE SIGN} off axis with x0.7 at the worst azimuth)"
     )
-    condition += "; both are measured here." if off else "; these frames hold no marker there: see study wrong_focal."
+    condition += "; both are measured here." if off else "; these frames have no marker there, see study wrong_focal."
     return Claim(
         "normal-focal",
         "The error of the normal does not depend on the focal length.",
@@ -163,7 +164,7 @@ def normal_focal(settings: Sequence[Condition]) -> Claim | None:
 
 
 def added(s: Condition, label: str) -> Array:
-    """What intrinsics add to the normal's error, in degrees, frame by frame."""
+    """Increase of the normal's error by the intrinsics, in degrees, for each frame."""
     return s.of(label, NORMAL) - s.of(s.exact, NORMAL)
 
 
@@ -175,12 +176,12 @@ def _change(s: Condition, labels: Sequence[str], *, main: bool) -> Finding:
     means = {} if why else {label: mean_of(added(s, label), s.frame) for label in labels}
     changes = {label: change for label, change in means.items() if change is not None}
     if not changes:
-        return undecided(s, statistic, region, why or "no intrinsics are wrong in the focal length alone", main=main)
+        return undecided(s, statistic, region, why or "no intrinsics have only the focal length wrong", main=main)
     decision = decide_all(list(changes.values()), -SAME_DEG, SAME_DEG)
-    # Shown is the largest change; what decides may be another, less sure one.
+    # The largest change is shown; a less certain one may decide.
     label = max(changes, key=lambda name: abs(changes[name].value))
     decision = replace(decision, estimate=changes[label])
     where = "" if s.on_axis else f", at a median of {number(float(np.median(s.off_axis_deg)))} deg off axis"
-    also = "" if main else ", whose principal point and distortion are wrong as well,"
+    also = "" if main else ", whose principal point and distortion are also wrong,"
     words = f"with {IntrinsicsLabel.of(label).short}{also} the mean error of the normal changes by {{}} deg{where}"
     return found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region, main=main)

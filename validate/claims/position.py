@@ -13,16 +13,16 @@ from roundel.validate.claims.normal import POWER, noisy
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Array, Estimate, decide, decide_all, log_slope, mean_of
 
-# "Does not depend": twice the distance changes the error by less than 7 %.
+# "Does not depend": doubling the distance changes the error by less than 7 %.
 FLAT = 0.1
-# On the scale of the uncalibrated curves: the calibrated one rises by less than this share of their height.
+# On the scale of the uncalibrated curves, the calibrated curve rises by less than this share of their height.
 OF_HEIGHT = 0.1
-# "Linear": a slope this near to 1; "is |k - 1| r": a ratio this near to 1.
+# "Linear": a slope within this of 1; "is |k - 1| r": a ratio within this of 1.
 NEAR_ONE = 0.05
 
 
 def predicted_D(s: Condition, label: str) -> Array:
-    """Position error in D without any noise: depth takes the factor k of the focal length, |k - 1| r on the axis."""
+    """Position error in D without noise: the factor k of the focal length scales the depth, |k - 1| r on the axis."""
     return abs(s.factor[label] - 1.0) * s.distance_D * np.cos(np.radians(s.off_axis_deg))
 
 
@@ -42,7 +42,7 @@ def position_calibrated(settings: Sequence[Condition]) -> Claim | None:
         findings.append(found(s, statistic, POWER.format("calibrated error in D"), decide(slope, -FLAT, FLAT), region))
         rise = _rise_of_height(s)
         if rise is not None:
-            words = "on the paper's axis it rises by {} of the height of the uncalibrated curves"
+            words = "on the scale of the paper's figure it rises by {} of the height of the uncalibrated curves"
             scale = "rise of the calibrated curve over the height of the uncalibrated ones"
             findings.append(
                 found(s, scale, words, decide(rise, -OF_HEIGHT, OF_HEIGHT), f"below {OF_HEIGHT:g}", main=False)
@@ -64,8 +64,8 @@ def position_calibrated(settings: Sequence[Condition]) -> Claim | None:
         "With the right focal length the position's error does not depend on the distance.",
         "section V-B, figure of the marker's position",
         findings,
-        "Strictly false: the error in D grows with a power of the distance (2.5 in theory with as many points as "
-        "the contour has pixels, 2 with a fixed number). True only to the eye, on an axis that reaches up to the "
+        "Strictly false: the error in D grows with a power of the distance (in theory 2.5 with as many points as the "
+        "contour has pixels, 2 with a fixed number). It only looks constant on an axis that extends to the "
         "uncalibrated curves.",
         conditional=True,
         remarks=remarks,
@@ -103,8 +103,9 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         low, high = 1 - NEAR_ONE, 1 + NEAR_ONE
         decision = decide_all(list(slopes.values()), low, high)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, of {len(slopes)} the least sure)")
-        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
+        name = IntrinsicsLabel.of(label).short
+        words = POWER.format(f"uncalibrated error ({name}, the least certain of {len(slopes)})")
+        findings.append(found(s, f"{statistic} ({name})", words, decision, region))
         told = [label for label in s.wrong if label in s.pure]
         means = {label: mean_of(errors[label] / predicted_D(s, label), s.frame) for label in told}
         ratios = [r for r in means.values() if r is not None]
@@ -114,7 +115,7 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
                 found(
                     s,
                     law,
-                    f"it is {{}} times {law.partition('noise-free ')[2]}",
+                    f"the error is {{}} times {law.partition('noise-free ')[2]}",
                     decide_all(ratios, low, high),
                     region,
                     main=False,
@@ -131,7 +132,7 @@ def position_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         "With a wrong focal length the position's error grows linearly with the distance.",
         "section V-B, figure of the marker's position",
         findings,
-        "The reason that the paper gives, less accurate detection, is not it: a focal length that is off by a factor k "
+        "Contrary to the paper, the cause is not less accurate detection: a focal length that is wrong by a factor k "
         "moves the marker along the ray by |k - 1| r, without any noise and with the same ellipse as if calibrated.",
         remarks=remarks,
     )

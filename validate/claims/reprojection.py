@@ -16,7 +16,7 @@ from roundel.validate.statistics.trends import Estimate, decide_all, log_slope, 
 
 # "Quite near the error with the right focal length": at most a quarter above it at the farthest distance.
 NEAR = 1.25
-# "Meets" in the text: the distance from which on no more than this is left.
+# "Meets" in the text: the distance from which on the ratio stays below this.
 MEETS = 1.1
 
 
@@ -31,8 +31,8 @@ def reprojection_calibrated(settings: Sequence[Condition]) -> Claim | None:
         "With the right focal length the reprojection error grows with the distance.",
         "section V-B, figures of the reprojected points, synthetic and real",
         findings,
-        "True where a farther marker gives fewer edge points, as many as its contour has pixels (slope 0.5 in theory). "
-        "With a fixed number of points it is flat.",
+        "True if the number of edge points is that of the contour's pixels, so that farther markers give fewer (slope "
+        "0.5 in theory). With a fixed number of points the error is constant.",
         conditional=True,
     )
 
@@ -51,14 +51,16 @@ def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
             continue
         decision = decide_all(list(slopes.values()), high=-GROWS)
         label = next(n for n, e in slopes.items() if e is decision.estimate)
-        words = POWER.format(f"uncalibrated error ({IntrinsicsLabel.of(label).short}, of {len(slopes)} the least sure)")
-        findings.append(found(s, f"{statistic} ({IntrinsicsLabel.of(label).short})", words, decision, region))
+        name = IntrinsicsLabel.of(label).short
+        words = POWER.format(f"uncalibrated error ({name}, the least certain of {len(slopes)})")
+        findings.append(found(s, f"{statistic} ({name})", words, decision, region))
         bias = {IntrinsicsLabel.of(n).short: slope for n in s.wrong if (slope := bias_slope(s, n)) is not None}
         if bias:
             text = ", ".join(
                 f"{n} {number(e.value)} [{number(e.interval()[0])}, {number(e.interval()[1])}]" for n, e in bias.items()
             )
-            remarks.append((s.name, f"The bias alone, noise taken off, goes with the distance to the power {text}."))
+            law = f"The bias alone, with noise subtracted, is proportional to the distance to the power {text}."
+            remarks.append((s.name, law))
     if not findings:
         return None
     return Claim(
@@ -66,8 +68,8 @@ def reprojection_uncalibrated(settings: Sequence[Condition]) -> Claim | None:
         "With a wrong focal length the reprojection error falls with the distance.",
         "section V-B, figures of the reprojected points, synthetic and real",
         findings,
-        "On the optical axis the bias falls with the square of the distance, off the axis with the distance alone; "
-        "what noise leaves on top of it does not fall. Points are reprojected with the same wrong focal length.",
+        "On the optical axis the bias falls with the square of the distance, off the axis with the distance; the "
+        "error due to noise does not fall. Points are reprojected with the same wrong focal length.",
         remarks=remarks,
     )
 
@@ -77,7 +79,7 @@ def bias_slope(s: Condition, label: str) -> Estimate | None:
     distances, at = s.distances()
     square = s.of(label, REPROJECTION) ** 2 - s.of(s.right, REPROJECTION) ** 2
     means = [mean_of(np.where(at == d, square, np.nan), s.frame) for d in range(len(distances))]
-    # Where noise hides the bias its logarithm says nothing.
+    # If noise hides the bias, its logarithm is meaningless.
     clear = [(math.log(distances[d]), m) for d, m in enumerate(means) if m is not None and m.value > 4 * m.error > 0]
     if len(clear) < 3:
         return None
@@ -113,7 +115,7 @@ def _meets_at(distances: Sequence[float], ratios: Sequence[Estimate | None]) -> 
 
 
 def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
-    """Claim: far away, a wrong focal length costs no reprojection error to speak of."""
+    """Claim: far away, a wrong focal length barely increases the reprojection error."""
     findings, remarks = [], []
     for s in trend_conditions(settings):
         if not noisy(s):
@@ -146,9 +148,9 @@ def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
         "Far away, the reprojection error with a wrong focal length is near that with the right one.",
         "section V-B and conclusion, figures of the reprojected points, synthetic and real",
         findings,
-        "Where the curves meet is set by the noise of the edges and by the reach of the reprojected points: bias "
-        "grows with the square of their distance from the marker, noise with that distance itself. With edges of 1 px "
-        "noise they meet in the paper's range; the finer the detection, the farther away.",
+        "The distance at which the curves meet depends on the noise of the edges and the extent of the reprojected "
+        "points: bias grows with the square of their distance from the marker, noise linearly. With an edge noise of "
+        "1 px they meet in the paper's range; with more precise detection, farther away.",
         conditional=True,
         remarks=remarks,
     )

@@ -1,8 +1,8 @@
 """Error over the levels of one nuisance, on the same frames, and the level at which it doubles.
 
-Every level has the same frames, so levels are compared on pairs: resampling draws frames, and each with all its levels.
-A frame's error is divided by its own Cramer-Rao bound at the reference level, where the nuisance is mildest: frames
-differ in difficulty by far more than most nuisances do.
+Every level has the same frames, so levels are compared in pairs: resampling draws frames, each with all its levels.
+A frame's error is divided by its own Cramer-Rao bound at the reference level, where the nuisance is mildest, because
+frames differ in difficulty much more than the levels of most nuisances do.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from roundel.validate.statistics.intervals import wilson_interval
 Array = NDArray[np.float64]
 
 ERROR, BOUND = NORMAL.oracle, NORMAL.bound
-MIN_FRAMES = 10  # of a level: a median of fewer has no interval worth drawing
+MIN_FRAMES = 10  # per level: with fewer, the median's interval is too wide to draw
 _RESAMPLES = 2000
 
-# What a swept key is called, and its unit; others go by their own name.
+# Displayed names and units of swept keys; other keys are displayed as they are.
 TITLES: dict[str, tuple[str, str]] = {
     "sensor.full_well_e": ("Full well", "electrons"),
     "camera.f_number": ("F-number", ""),
@@ -35,23 +35,23 @@ TITLES: dict[str, tuple[str, str]] = {
     "light.environment": ("Radiance of the surroundings", ""),
     "motion.exposure_s": ("Exposure of a turning camera", "s"),
     "motion.readout_s": ("Readout of a rolling shutter", "s"),
-    "occluders.0.x_m": ("Place of the occluder's middle", "m"),
+    "occluders.0.x_m": ("Position of the occluder's centre", "m"),
     "pose.offset_x_px": ("Offset from the image's centre", "px"),
 }
 
 
 @dataclass(frozen=True)
 class Doubling:
-    """Where an error has twice the value it has at the reference level.
+    """The level at which an error is twice its value at the reference level.
 
     Attributes
     ----------
     level : float or None
-        Interpolated between levels, in the logarithm of the error; None where it never doubles.
+        Interpolated between levels, in the logarithm of the error; None if it never doubles.
     low, high : float or None
-        95 % interval over frames; None where more than 2.5 % of the resamples never double on that side.
+        95 % interval over frames; None if more than 2.5 % of the resamples never double on that side.
     share : float
-        Of resamples in which it doubles somewhere.
+        Share of the resamples in which the error doubles.
     """
 
     level: float | None
@@ -62,16 +62,16 @@ class Doubling:
 
 @dataclass(frozen=True)
 class Curve:
-    """One run over the levels: median over frames, with failures as infinitely wrong, and its 95 % interval.
+    """One run over the levels: median over frames, failures counted as infinite errors, and its 95 % interval.
 
     Attributes
     ----------
     median, low, high : (levels,) arrays
-        Of the normal's error over the frame's own bound at the reference level; in degrees where there is no bound.
+        Of the normal's error over the frame's own bound at the reference level; in degrees if there is no bound.
     bound : (levels,) array
         The bound at each level, in the same unit: median over frames.
     median_deg : (levels,) array
-        Of the error itself.
+        Median of the error in degrees.
     relative : bool
         Whether the unit is the bound.
     """
@@ -91,7 +91,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A swept key with its levels, in the study's order, the level that doubling is counted from, and its curves."""
+    """A swept key with its levels in the study's order, its reference level for doubling, and its curves."""
 
     group: str
     key: str
@@ -110,12 +110,12 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
     table : pyarrow.Table
         Scores, with `sweep_level` and `sweep_frame`.
     study : dict
-        Resolved.
+        The resolved study.
 
     Returns
     -------
     list of Sweep
-        Empty without a sweep. The normal's error in degrees, of the better candidate.
+        Empty without a sweep. Errors are those of the normal of the better candidate, in degrees.
     """
     if "sweep_level" not in table.column_names:
         return []
@@ -148,7 +148,7 @@ def _curve(table: pa.Table, key: tuple[str, str, str], levels: list[float], refe
     error, bound = column(table, ERROR), column(table, BOUND)
     error = np.where(solved & np.isfinite(error), error, math.inf)
     frames = np.unique(frame[np.isfinite(frame)])
-    # The worst of a frame's circles stands for it.
+    # A frame is represented by its worst circle.
     worst, bounds = (_by_frame(v, frame, level, frames, levels) for v in (error, bound))
     complete = ~np.isnan(worst).any(axis=1)
     worst, bounds = worst[complete], bounds[complete]
@@ -176,7 +176,7 @@ def _curve(table: pa.Table, key: tuple[str, str, str], levels: list[float], refe
 
 
 def _by_frame(values: Array, frame: Array, level: Array, frames: Array, levels: list[float]) -> Array:
-    """Largest value of each frame at each level (frames, levels); NaN where there is none."""
+    """Largest value of each frame at each level (frames, levels); NaN if there is none."""
     out = np.full((len(frames), len(levels)), np.nan)
     for i, value in enumerate(levels):
         rows = np.flatnonzero(level == value)
@@ -185,7 +185,7 @@ def _by_frame(values: Array, frame: Array, level: Array, frames: Array, levels: 
 
 
 def _middle(values: Array, axis: int) -> Array:
-    """Median in which infinities count; the mean of the two middle ones would be infinite with one of them."""
+    """Median of values that may be infinite; averaging the two middle values would be infinite if one of them is."""
     return np.asarray(np.quantile(values, 0.5, axis=axis, method="inverted_cdf"))
 
 
@@ -196,7 +196,7 @@ def _doubling(medians: Array, median: Array, levels: list[float], reference: int
     share = len(known) / len(found)
     if best is None:
         return Doubling(None, None, None, share)
-    # Never doubling lies beyond the last level, on the side to which the nuisance grows.
+    # Resamples that never double are placed beyond the last level, on the side on which the nuisance grows.
     grows = max(levels, key=lambda v: abs(levels.index(v) - reference)) > levels[reference]
     filled = np.array([(math.inf if grows else -math.inf) if v is None else v for v in found])
     low, high = np.quantile(filled, [0.025, 0.975], method="inverted_cdf").tolist()
@@ -207,8 +207,8 @@ def _doubling(medians: Array, median: Array, levels: list[float], reference: int
 def crossing(levels: list[float], values: Array, reference: int, factor: float = 2.0) -> float | None:
     """The level nearest to the reference at which a curve first reaches `factor` times its value there.
 
-    Interpolated linearly in the logarithm of the value, and of the level where levels span a decade without zero; a
-    curve that jumps to infinity crosses at the level of the jump.
+    Interpolated linearly in the logarithm of the value, and of the level if levels span a decade without zero. A curve
+    that jumps to infinity crosses at the level of the jump.
     """
     if not (0 < values[reference] < math.inf):
         return None
@@ -231,7 +231,7 @@ def crossing(levels: list[float], values: Array, reference: int, factor: float =
 
 
 def is_logarithmic(values: ArrayLike) -> bool:
-    """Whether values are better shown, and interpolated, by their logarithm: all positive, over a decade or more."""
+    """Whether values are shown and interpolated on a logarithmic scale: all positive, over a decade or more."""
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     return bool(known.min() > 0 and known.max() >= 10 * known.min())

@@ -41,17 +41,16 @@ CLAIMS: tuple[Callable[[Sequence[Condition]], Claim | None], ...] = (
 
 @dataclass(frozen=True)
 class Verdict:
-    """What these frames say about a claim of the paper.
+    """The decision of these frames on a claim of the paper.
 
     Attributes
     ----------
     claim : Claim
-        With its findings decided: groups, on and off the axis, the strict reading and the lenient one; the paper's own
-        setting first.
+        With decided findings: groups, on and off the axis, strict and lenient reading; the paper's own condition first.
     outcome : str
         `HOLDS`, `CONDITION`, `FALSE` or `OPEN`.
     settings : tuple of (str, str)
-        The outcome's reason by setting: the setting's name (empty where there is one alone), and sentences.
+        The outcome's reason by condition: the condition's name (empty if there is only one), and sentences.
     """
 
     claim: Claim
@@ -82,12 +81,12 @@ def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[Verdict]:
     Returns
     -------
     list of Verdict
-        Empty where the study asks nothing that the paper claims: no calibrated beside an uncalibrated case, no marker
-        on the optical axis, a sweep over a nuisance.
+        Empty if the study cannot test the claims: no pair of a calibrated and an uncalibrated case, no marker on the
+        optical axis, or a sweep over a nuisance.
 
     Notes
     -----
-    All statistics of a report are one family: Holm's correction keeps the chance of any wrong decision below 5 %.
+    All statistics of a report form one family: Holm's correction keeps the chance of any wrong decision below 5 %.
     """
     settings = conditions_of(table, study)
     claims = [claim for make in CLAIMS if (claim := make(settings)) is not None]
@@ -100,10 +99,10 @@ def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[Verdict]:
 
 
 def decided(finding: Finding, p_adjusted: float | None) -> Finding:
-    """A finding with what it decides at the level `ALPHA`, and why not where it does not."""
+    """A finding with its decision at level `ALPHA`, or the reason why there is none."""
     sure = p_adjusted is not None and p_adjusted < ALPHA
-    alone = finding.p is not None and finding.p < ALPHA  # sure, were it the only one
-    why = "it is not sure among all the report's statistics" if alone else "the interval reaches over the border"
+    alone = finding.p is not None and finding.p < ALPHA  # significant without the correction
+    why = "it is not significant after Holm's correction" if alone else "the interval crosses the limit"
     reason = finding.reason or ("" if sure else why)
     return replace(finding, p_adjusted=p_adjusted, holds=finding.inside if sure else None, reason=reason)
 
@@ -113,7 +112,7 @@ def _verdict(claim: Claim) -> Verdict:
 
 
 def _outcome(claim: Claim) -> str:
-    """The claim itself, on the axis, decides; findings beside it make a condition of what they contradict."""
+    """The main findings on the axis decide; other findings that contradict them make the outcome conditional."""
     own = [f.holds for f in claim.findings if f.main and f.on_axis]
     beside = [f.holds for f in claim.findings if not (f.main and f.on_axis)]
     if all(h is None for h in own):
@@ -130,7 +129,7 @@ _WORDS = {True: "holds", False: "does not hold", None: "not decided"}
 
 
 def _by_setting(claim: Claim) -> tuple[tuple[str, str], ...]:
-    """Every statistic as a sentence, under its setting's name where there are several."""
+    """Every statistic as a sentence, by condition if there are several."""
     settings = list(dict.fromkeys(f.where for f in claim.findings))
     parts = []
     for where in settings:
@@ -141,21 +140,21 @@ def _by_setting(claim: Claim) -> tuple[tuple[str, str], ...]:
 
 
 def _clause(finding: Finding) -> str:
-    """A statistic: the number with its interval, what was asked of it, what follows."""
+    """A statistic as a sentence: the number with its interval, the required range, the decision."""
     if finding.p_adjusted is None:
         return f"{finding.text()}."
     p = "p < 0.0001" if finding.p_adjusted < 1e-4 else f"p = {finding.p_adjusted:.2g}"
-    why = f", as {finding.reason}" if finding.holds is None else ""
+    why = f", because {finding.reason}" if finding.holds is None else ""
     text = finding.text()
-    return f"{text[:1].upper()}{text[1:]} (asked: {finding.region}; {p}): {_WORDS[finding.holds]}{why}."
+    return f"{text[:1].upper()}{text[1:]} (required: {finding.region}; {p}): {_WORDS[finding.holds]}{why}."
 
 
-# What summary.json tells of each finding.
+# The fields of each finding in summary.json.
 _FINDING = ("where", "on_axis", "main", "statistic", "value", "low", "high", "n", "region", "holds", "reason")
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as summary.json has it: plain values; those of the first finding, and all of them as `sides`."""
+    """A verdict as plain values for summary.json: those of the first finding, and all findings as `sides`."""
     claim, first = verdict.claim, verdict.claim.findings[0]
     return {
         "key": claim.key,

@@ -1,7 +1,7 @@
 """Defaults for columns that a file of estimates leaves out: the camera, and the ellipse of a pose.
 
-Neither helps an estimate: a camera that nobody names is the true one, and an ellipse made from a pose is as wrong as
-the pose.
+Neither default improves an estimate: the default camera is the true one, and an ellipse computed from a pose has the
+errors of the pose.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def true_intrinsics(dataset: Dataset, frame_id: NDArray[np.int64]) -> tuple[Arra
 
 
 def radii_m(dataset: Dataset, frame_id: NDArray[np.int64], centre_px: Array) -> Array:
-    """Radius of the printed circle whose centre's true image is nearest to `centre_px`, row by row; NaN without any."""
+    """Radius of the printed circle whose true centre is nearest to `centre_px`, row by row; NaN if there is none."""
     truth = dataset.truth.filter(pa.array(np.isfinite(columns_of(dataset.truth, ["radius_m"])[:, 0])))
     values = columns_of(truth, ["radius_m", "centre_image_x_px", "centre_image_y_px"])
     rows: dict[int, list[int]] = {}
@@ -46,13 +46,13 @@ def radii_m(dataset: Dataset, frame_id: NDArray[np.int64], centre_px: Array) -> 
         its = rows.get(frame, [])
         if its:
             away = np.linalg.norm(values[its, 1:] - centre_px[i], axis=-1)
-            # A centre that is seen nowhere still has a print: the frame's first.
+            # A centre without an image gets the frame's first print.
             out[i] = values[its[int(np.argmin(np.where(np.isfinite(away), away, np.inf)))], 0]
     return out
 
 
 def ellipses_of_poses(normal: Array, centre_m: Array, radius_m: Array, camera: Camera) -> Array:
-    """Ellipses (rows, 5) of circles in undistorted pixel coordinates; NaN where the image is none."""
+    """Ellipses (rows, 5) of circles in undistorted pixel coordinates; NaN if the image is not an ellipse."""
     out = np.full((len(normal), 5), np.nan)
     if not len(normal):
         return out
@@ -60,7 +60,7 @@ def ellipses_of_poses(normal: Array, centre_m: Array, radius_m: Array, camera: C
     poses[:, :3, :3] = minimal_rotation(np.array([0.0, 0.0, -1.0]), normal) @ FACING
     poses[:, :3, 3] = centre_m
     seen = np.isfinite(radius_m)
-    # A circle that reaches behind the camera has no ellipse for an image.
+    # The image of a circle that is partly behind the camera is not an ellipse.
     deepest = centre_m[:, 2] - radius_m * np.sqrt(np.maximum(1 - normal[:, 2] ** 2, 0.0))
     seen &= deepest > 1e-6 * radius_m
     if seen.any():
@@ -69,7 +69,7 @@ def ellipses_of_poses(normal: Array, centre_m: Array, radius_m: Array, camera: C
 
 
 def centres_px(centre_m: Array, camera: Camera) -> Array:
-    """Images (rows, 2) of centres in the delivered image; NaN where there is none."""
+    """Images (rows, 2) of centres in the delivered image; NaN if there is none."""
     out = np.full((len(centre_m), 2), np.nan)
     there = np.isfinite(centre_m).all(axis=-1)
     if there.any():

@@ -1,7 +1,7 @@
 """Reading estimates from Parquet or CSV, checked against the schema column by column.
 
-What a foreign program must give, and what stands for the rest, is in `validate/estimates/schema.py`;
-docs/your-own-method.md shows it.
+Required columns and the defaults of the others are in `validate/estimates/schema.py`, and are documented in
+docs/your-own-method.md.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
 def find_estimates(path: str | Path) -> Path:
-    """The file that an argument means: itself, or the one in the folder it names.
+    """The file given by an argument: the file itself, or the estimates file in a folder.
 
     Raises
     ------
     UsageError
-        If there is none.
+        If there is no such file.
     """
     path = Path(path)
     for file in (path, path / ESTIMATES, path / "estimates" / ESTIMATES):
         if file.is_file():
             return file
     raise UsageError(
-        f"{path}: no estimates there; give an {ESTIMATES}, a CSV file, or a folder that holds the first "
+        f"{path}: no estimates found; give an {ESTIMATES}, a CSV file, or a folder with an {ESTIMATES} "
         "(`roundel solve` writes it)"
     )
 
@@ -44,8 +44,8 @@ def find_estimates(path: str | Path) -> Path:
 def read_estimates(path: str | Path) -> pa.Table:
     """Estimates of one file, with the columns and types of `SCHEMA`.
 
-    What a file may leave out is filled in where it needs no dataset: method (the file's name), intrinsics,
-    detection_id, candidate, chosen, status, reason, skew, lens model. The rest is null where it is missing.
+    Optional columns that need no dataset get their defaults: method (the file's name), intrinsics, detection_id,
+    candidate, chosen, status, reason, skew, lens model. Other missing values are null.
 
     Parameters
     ----------
@@ -55,16 +55,16 @@ def read_estimates(path: str | Path) -> pa.Table:
     Returns
     -------
     pyarrow.Table
-        Its metadata are the file's own.
+        Its metadata are those of the file.
 
     Raises
     ------
     UsageError
-        If there is no such file, or it is not one of estimates: another format, a column missing or of another type.
+        If there is no such file, or it is not a file of estimates: wrong format, missing column or wrong type.
     NotComparableError
         If it is empty.
     DataError
-        If it is Parquet, and damaged.
+        If it is a damaged Parquet file.
     """
     file = find_estimates(path)
     try:
@@ -72,7 +72,7 @@ def read_estimates(path: str | Path) -> pa.Table:
     except OSError as error:
         raise UsageError(f"{file}: cannot be read: {error.strerror}") from error
     if not data.strip():
-        raise NotComparableError(f"{file}: an empty file, so there is nothing to score")
+        raise NotComparableError(f"{file}: the file is empty, so there is nothing to score")
     if data.startswith(_MAGIC):
         table = _read_parquet(file, data)
     elif file.suffix.lower() == ".csv":
@@ -94,7 +94,7 @@ def read_estimates(path: str | Path) -> pa.Table:
 
 
 def dataset_of(table: pa.Table) -> str | None:
-    """The dataset_id that a file of estimates says it is of; None where it says nothing."""
+    """The dataset_id in the metadata of a file of estimates; None if there is none."""
     try:
         return str(json.loads((table.schema.metadata or {})[METADATA])["dataset_id"])
     except (KeyError, TypeError, ValueError):
@@ -103,19 +103,17 @@ def dataset_of(table: pa.Table) -> str | None:
 
 def _read_parquet(file: Path, data: bytes) -> pa.Table:
     try:
-        # From memory: a path would be searched for partitions (`run=3/estimates.parquet` gets a column).
+        # Read from memory, because a path is searched for partitions (`run=3/estimates.parquet` gets a column).
         table = pq.ParquetFile(pa.BufferReader(data)).read()
         table.validate(full=True)
         return table
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(
-            f"{file}: a damaged Parquet file, or one cut short: {first_line(error)}; write it anew"
-        ) from error
+        raise DataError(f"{file}: damaged or truncated Parquet file: {first_line(error)}; write it again") from error
 
 
 def _read_csv(file: Path, data: bytes) -> pa.Table:
     try:
-        # A byte order mark is none of the first column's name.
+        # A byte order mark is not part of the first column's name.
         text = data.decode("utf-8-sig").lstrip("\r\n")
     except UnicodeDecodeError as error:
         raise UsageError(f"{file}: not UTF-8 at byte {error.start}; save it as UTF-8") from error
@@ -127,7 +125,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
             read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1),
             convert_options=pa_csv.ConvertOptions(
                 column_types={**types, "distortion": pa.string()},
-                # NaN stays one, and is refused: what is missing is left empty.
+                # NaN is kept and rejected later: missing values must be empty.
                 null_values=[""],
                 strings_can_be_null=True,
                 quoted_strings_can_be_null=False,
@@ -139,7 +137,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
         try:
             lists = [[float(number) for number in (text or "").split()] for text in table["distortion"].to_pylist()]
         except ValueError as error:
-            raise UsageError(f"{file}: column distortion is not numbers between spaces: {error}") from error
+            raise UsageError(f"{file}: column distortion must be numbers separated by spaces: {error}") from error
         at = table.column_names.index("distortion")
         table = table.set_column(at, "distortion", pa.array(lists, pa.list_(pa.float64())))
     return table
@@ -150,7 +148,7 @@ def _header(file: Path, text: str) -> list[str]:
     try:
         names = [name.strip() for name in next(csv.reader([line]), [])]
     except csv.Error as error:
-        raise UsageError(f"{file}: the header is no CSV: {error}") from error
+        raise UsageError(f"{file}: the header is not CSV: {error}") from error
     other = next((what for mark, what in _SEPARATORS.items() if len(names) == 1 and mark in line), None)
     if other:
         raise UsageError(f"{file}: columns are separated by {other}; use commas, and decimal points")
@@ -158,7 +156,7 @@ def _header(file: Path, text: str) -> list[str]:
 
 
 def _filled(table: pa.Table, given: set[str], stem: str) -> pa.Table:
-    """The table with what a file may leave out: see `validate/estimates/schema.py`."""
+    """The table with the defaults of missing columns, see `validate/estimates/schema.py`."""
     rows = table.num_rows
 
     def put(name: str, values: object) -> None:
@@ -176,7 +174,7 @@ def _filled(table: pa.Table, given: set[str], stem: str) -> pa.Table:
         if name not in given:
             put(name, [value] * rows)
     if "chosen" not in given:
-        # One pose alone is meant; of two none is.
+        # A single pose is the chosen one; of two poses none is.
         keys = list(zip(*(table[name].to_pylist() for name in KEY[:-1]), strict=True))
         counts: dict[object, int] = {}
         for key in keys:

@@ -20,7 +20,7 @@ from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INT
 
 Array = NDArray[np.float64]
 
-# A printed circle seen smaller than this cannot have been detected: its pose is in other units.
+# A circle whose image is smaller than this cannot have been detected: its pose must be in other units.
 _LEAST_SEMI_AXIS_PX = 0.25
 
 _TRUE_CAMERA = "not given: the frame's true camera"
@@ -30,9 +30,9 @@ _TRUE_CAMERA = "not given: the frame's true camera"
 class Run:
     """All rows of one method with one kind of intrinsics, sorted by frame, detection and candidate.
 
-    `cameras[camera[i]]` is the camera that row i used; `ok[i]` says whether it holds a detection, `posed[i]`
-    whether that has a pose. `ellipse` is NaN where there is none; `centre_px` is the image of the circle's centre in
-    the delivered image, of a pose its projection. `filled` says what the file left out.
+    `cameras[camera[i]]` is the camera that row i used; `ok[i]` tells whether it has a detection, `posed[i]` whether the
+    detection has a pose. `ellipse` is NaN if there is none; `centre_px` is the image of the circle's centre in the
+    delivered image, for a pose its projection. `filled` lists the defaults that were used.
     """
 
     method: str
@@ -54,19 +54,19 @@ class Run:
 
 
 def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
-    """Estimates of all files, checked against the dataset, one `Run` for each method and intrinsics, sorted.
+    """Estimates of all files, checked against the dataset, as one `Run` per method and intrinsics, sorted.
 
     Raises
     ------
     UsageError
-        As `read_estimates`; also for a row that cannot be, or stands twice.
+        As `read_estimates`; also for invalid or duplicate rows.
     DataError
         As `read_estimates`.
     NotComparableError
         If there is nothing to compare, or the estimates are of another dataset.
     """
     if not paths:
-        raise NotComparableError("no estimates given; give one or more files that `roundel solve` wrote")
+        raise NotComparableError("no estimates given; give one or more files written by `roundel solve`")
     tables = [_read(path, dataset) for path in paths]
     _check_apart(tables, paths)
     table = pa.concat_tables([t.replace_schema_metadata(None) for t in tables])
@@ -82,12 +82,12 @@ def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
 
 
 def _read(path: Path, dataset: Dataset) -> pa.Table:
-    """One file, checked by itself and against the dataset."""
+    """One file, checked for consistency and against the dataset."""
     table = read_estimates(path)
     made_of, here = dataset_of(table), str(dataset.manifest["dataset_id"])
     if made_of is not None and made_of != here:
         raise NotComparableError(
-            f"{path}: estimates of dataset {made_of[:12]}, and {dataset.path} is {here[:12]}; "
+            f"{path}: the estimates are of dataset {made_of[:12]}, but {dataset.path} is {here[:12]}; "
             "give the dataset that they were made from"
         )
     for name in (*KEY, "chosen", "status"):
@@ -107,7 +107,7 @@ def _sorted(table: pa.Table) -> pa.Table:
 
 
 def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
-    """The table with each frame's true camera where rows have none; any other label must say what it stands for."""
+    """The table with each frame's true camera if rows have none; other labels require a camera in the file."""
     bare = table[INTRINSICS[0]].is_null().to_numpy() & (_is_ok(table))
     if not bare.any():
         return table
@@ -115,8 +115,8 @@ def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
     other = [i for i in np.flatnonzero(bare).tolist() if label[i] != "true"]
     if other:
         raise UsageError(
-            f"{path}: {_where(table, other[0])}: it has no fx_px, fy_px, cx_px, cy_px; only intrinsics `true` may "
-            "leave them out"
+            f"{path}: {_where(table, other[0])}: it has no fx_px, fy_px, cx_px, cy_px; they are optional only for "
+            "intrinsics `true`"
         )
     values, distortion, model = true_intrinsics(dataset, table["frame_id"].to_numpy())
     made: dict[str, list[Any]] = {name: values[:, i].tolist() for i, name in enumerate(INTRINSICS)}
@@ -223,7 +223,7 @@ def _check_frames(table: pa.Table, dataset: Dataset, path: Path) -> None:
 
 
 def _check_apart(tables: list[pa.Table], paths: list[Path]) -> None:
-    """Refuse a run that two files have for the same frame; a run may come in parts, of different frames."""
+    """Reject a run that two files have for the same frame; a run may be split into files of different frames."""
     owner: dict[tuple[str, str, int], Path] = {}
     for table, path in zip(tables, paths, strict=True):
         keys = set(zip(*(table[n].to_pylist() for n in ("method", "intrinsics", "frame_id")), strict=True))
@@ -231,9 +231,9 @@ def _check_apart(tables: list[pa.Table], paths: list[Path]) -> None:
         if twice:
             method, intrinsics, frame = twice[0]
             raise UsageError(
-                f"{path}: has method {method} with {intrinsics} intrinsics for frame {frame}, and so has "
-                f"{owner[twice[0]]}; give each its own name in the column `method`, or validate them apart and use "
-                "`roundel compare`"
+                f"{path}: has method {method} with {intrinsics} intrinsics for frame {frame}, as does "
+                f"{owner[twice[0]]}; give each its own name in the column `method`, or validate them separately and "
+                "use `roundel compare`"
             )
         owner.update(dict.fromkeys(keys, path))
 
@@ -244,13 +244,13 @@ def _check_keys(table: pa.Table, where: str) -> None:
     if same.any():
         row = int(np.flatnonzero(same)[0])
         raise UsageError(
-            f"{where}: two rows for {_where(table, row)}; each may stand once: several detections of a frame need "
-            "detection_id, two poses of one candidate 0 and 1"
+            f"{where}: two rows for {_where(table, row)}; each may appear once: several detections in a frame need "
+            "detection_id, two poses of a detection need candidate 0 and 1"
         )
 
 
 def _check_rows(table: pa.Table, path: Path) -> None:
-    """Refuse what no solver may claim with status `ok`."""
+    """Reject rows with status `ok` that are not valid."""
     ok = _is_ok(table)
     normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
     given = {
@@ -259,12 +259,12 @@ def _check_rows(table: pa.Table, path: Path) -> None:
         "centre": CENTRE_IMAGE,
         "intrinsics": INTRINSICS,
     }
-    # A group is given when a number of it is, NaN too; then all of them must be numbers.
+    # A group of columns counts as given if any value is given, even NaN; then all must be numbers.
     there = {what: _given(table, names) for what, names in given.items()}
     broken = {what: there[what] & ~np.isfinite(_floats(table, names)).all(axis=-1) for what, names in given.items()}
     posed, outlined = there["pose"] & ~broken["pose"], there["ellipse"] & ~broken["ellipse"]
     focal, lenses = _floats(table, INTRINSICS), _lenses(table)
-    # A run has few different lenses, and many rows.
+    # A run has few different lenses but many rows.
     wrong = {lens: lens_problem(lens[1], lens[0]) for lens in set(lenses)}
     lens_wrong = np.array([bool(wrong[lens]) for lens in lenses], dtype=bool)
     candidate = table["candidate"].to_numpy()
@@ -295,7 +295,7 @@ def _check_rows(table: pa.Table, path: Path) -> None:
             ),
             (ok & ~(focal[:, :2] > 0).all(axis=-1), "its focal lengths are not positive"),
             (ok & lens_wrong, f"its {wrong[lenses[int(np.argmax(ok & lens_wrong))]]}" if len(ok) else ""),
-            (ok & both & ~there["pose"], "it has two candidates, and no pose to tell them apart"),
+            (ok & both & ~there["pose"], "it has two candidates, but no pose to distinguish them"),
             (chosen & ~ok, "it is chosen, but its status is not ok"),
             (pair & chosen & np.append(chosen[1:], False), "both candidates are chosen"),
         )

@@ -20,7 +20,7 @@ INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
 
 @dataclass(frozen=True)
 class Given:
-    """Columns that come together: their type, unit, meaning, and what stands where they are left out."""
+    """A group of columns: their type, unit, meaning, and default."""
 
     names: tuple[str, ...]
     type: str
@@ -77,16 +77,16 @@ REQUIRED = ("frame_id",)
 
 
 def check_columns(file: Path, names: Sequence[str]) -> None:
-    """Refuse a file whose columns cannot be estimates.
+    """Reject a file whose columns are not those of estimates.
 
     Raises
     ------
     UsageError
-        If a column stands twice, is misspelt, or one that is needed is missing.
+        If a column is duplicated or misspelt, or a required column is missing.
     """
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise UsageError(f"{file}: column {twice[0]!r} stands twice; keep one of them")
+        raise UsageError(f"{file}: column {twice[0]!r} appears twice; keep one of them")
     absent = [name for name in SCHEMA.names if name not in names]
     for name in names:
         hint = "" if name in SCHEMA.names else did_you_mean(name.lower(), absent, cutoff=0.85)
@@ -100,15 +100,15 @@ def check_columns(file: Path, names: Sequence[str]) -> None:
     missing = [name for name in needed if name not in names]
     if missing:
         raise UsageError(
-            f"{file}: has no column {', '.join(missing)}; `roundel validate --schema` tells what is needed"
+            f"{file}: has no column {', '.join(missing)}; `roundel validate --schema` prints the required columns"
         )
     if not any(group[0] in names for group in groups.values()):
         offers = ", nor ".join(f"{what} ({group[0]} .. {group[-1]})" for what, group in groups.items())
-        raise UsageError(f"{file}: has no columns of a {offers}; `roundel validate --schema` tells what is needed")
+        raise UsageError(f"{file}: has no columns of a {offers}; `roundel validate --schema` prints what is required")
 
 
 def columns_markdown() -> str:
-    """The columns as a Markdown table: what `roundel validate --schema` prints, and docs/your-own-method.md shows."""
+    """The columns as a Markdown table, for `roundel validate --schema` and docs/your-own-method.md."""
     lines = ["| column | type | unit | meaning | where it is left out |", "|---|---|---|---|---|"]
     for given in COLUMNS:
         names = ", ".join(f"`{name}`" for name in given.names)
@@ -117,7 +117,7 @@ def columns_markdown() -> str:
 
 
 def columns_json() -> list[dict[str, Any]]:
-    """The columns, one record a column."""
+    """The columns, one record per column."""
     return [
         {"column": name, "type": g.type, "unit": g.unit, "meaning": g.meaning, "otherwise": g.otherwise}
         for g in COLUMNS

@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Shades of one colour by opacity, so that the map serves light and dark.
+# Shades of one colour by opacity, so that the map works on light and dark pages.
 _STEPS = (1.0, 2.0, 5.0)
 _PANELS_A_ROW = 4
 
 
 def calibration_pictures(calibrations: Calibrations | None) -> list[Picture]:
-    """The maps and the scatter of a set of calibrations; none where there is nothing to draw."""
+    """The maps and the scatter plot of a set of calibrations; empty if there is nothing to draw."""
     if calibrations is None or not calibrations.differences:
         return []
     return [_maps(calibrations), *([_scatter(calibrations)] if calibrations.subsets else [])]
 
 
 def _levels(largest: float, smallest: float) -> Array:
-    """Steps of 1, 2, 5 that cover what the maps show, at most nine of them."""
+    """Steps of 1, 2, 5 that cover the range of the maps, at most nine."""
     decades = range(int(np.floor(np.log10(max(smallest, largest / 100)))), int(np.ceil(np.log10(largest))) + 1)
     steps = np.array([step * 10.0**decade for decade in decades for step in _STEPS])
     first = max(0, int(np.searchsorted(steps, max(smallest, largest / 100))) - 1)
@@ -75,16 +75,16 @@ def _maps(calibrations: Calibrations) -> Picture:
         bar.ax.grid(visible=False)
 
     caption = (
-        "Each calibration against the true camera: how far a ray lands from its true pixel, over the whole image, the "
-        "best rotation removed; one scale for all. Arrows point to where it lands, of equal length. Above: "
-        "views, residual RMS, mean difference. OpenCV pixels of the delivered image."
+        "Each calibration against the true camera: distance between the projections of the same ray over the whole "
+        "image, with the best-fit rotation removed, on one scale. Arrows of equal length show the direction of the "
+        "difference. Titles: views, residual RMS, mean difference. OpenCV pixels of the delivered image."
     )
     size = (9.0 if columns > 2 else 6.0, rows * (1.9 if columns > 2 else 2.3) + 0.9)
     return Picture("calibration-maps", caption, draw_svg("calibration-maps", caption, size, draw))
 
 
 def _arrows(at: Any, offsets: Array, x: Array, y: Array) -> None:
-    """Directions of the difference at a few places."""
+    """Directions of the difference at a few points."""
     some = offsets[1::4, 2::4]
     length = np.linalg.norm(some, axis=-1, keepdims=True)
     unit = np.where(length > 0, some / np.where(length > 0, length, 1.0), 0.0)
@@ -103,7 +103,7 @@ def _arrows(at: Any, offsets: Array, x: Array, y: Array) -> None:
 
 
 def _scatter(calibrations: Calibrations) -> Picture:
-    """Residual against true error, a dot a calibration."""
+    """Residual against true error, one dot per calibration."""
     draws = calibrations.subsets
     counts = sorted({s["views"] for s in draws})
 
@@ -133,8 +133,8 @@ def _scatter(calibrations: Calibrations) -> Picture:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(counts) + 1)
 
     caption = (
-        "Does the residual tell which calibration is better? Residual RMS against what is wrong with the camera, for "
-        "calibrations from views drawn at random out of all. Left: mean difference of projection over the image, the "
-        "best rotation removed. Right: error of the focal length."
+        "Does the residual show which calibration is better? Residual RMS against the true error of the camera, for "
+        "calibrations from randomly drawn views. Left: mean difference of projection over the image, with the best-fit "
+        "rotation removed. Right: error of the focal length."
     )
     return Picture("calibration-residuals", caption, draw_svg("calibration-residuals", caption, (7.5, 3.0), draw))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# A kind of intrinsics, a colour: members of a kind differ by marker and line.
+# One colour per kind of intrinsics; members of a kind differ by marker and line.
 _COLOURS = {"calibrated": 0, "default": 1, "true": 2, "exif": 3, "scaled": 4, BOARD: 6}
 _LINES = ("-", "--", ":", "-.")
 
@@ -38,7 +38,7 @@ _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all fram
 
 
 def benefit_picture(worth: CalibrationBenefit) -> Picture:
-    """Median errors with their intervals: a row an error, a column a variable, a curve a kind of intrinsics."""
+    """Median errors with their intervals: one row per error, column per variable, curve per kind of intrinsics."""
     panels = _shown(worth)
     styles = _styles(worth)
 
@@ -67,24 +67,25 @@ def benefit_picture(worth: CalibrationBenefit) -> Picture:
         figure.legend(handles, names, loc="outside upper center", ncols=max(2, int(figure.get_figwidth() / 2.1)))
 
     caption = (
-        f"Is it worth calibrating? Method {worth.method}: median error of the better candidate, its 95 % interval as a "
-        f"band, on the same circles with every kind of intrinsics. On the axis: within {ON_AXIS_DEG:g}\N{DEGREE SIGN} "
-        "of it, as in the paper. Camera frame; D: marker diameters; reprojection in the delivered image, a grid around "
-        "the circle. The chessboard is the board beside the marker, which places the same circle by solvePnP."
+        f"Does calibration pay off? Method {worth.method}: median error of the better candidate with its 95 % interval "
+        f"as a band, on the same circles with every kind of intrinsics. On the axis: within "
+        f"{ON_AXIS_DEG:g}\N{DEGREE SIGN} of it, as in the paper. Camera frame; D: marker diameters; reprojection in "
+        "the delivered image, a grid around the circle. Chessboard: the circle's pose from the board beside the "
+        "marker, by solvePnP."
     )
     size = (2.25 * len(panels) + 0.2, 2.0 * len(ERRORS) + 1.1)
     return Picture("worth", caption, draw_svg("worth", caption, size, draw))
 
 
 def _shown(worth: CalibrationBenefit) -> list[Panel]:
-    """Distance on and off the axis, tilt off it, offset: the paper's set-up keeps one column."""
+    """Panels: distance on and off the axis, tilt off the axis, and offset; the paper's set-up keeps one column."""
     wanted = [p for p in worth.panels if len(p.bins) > 1]
     both = any(p.part == "off_axis" for p in wanted)
     return [p for p in wanted if not (both and p.part == "on_axis" and p.variable == "tilt_deg")]
 
 
 def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
-    """Colour, marker and line of each curve; the reference in grey, behind the others."""
+    """Colour, marker and line of each curve; the reference is grey, behind the others."""
     labels = [*worth.labels, *([BOARD] if BOARD in worth.errors[NORMAL.name] else [])]
     counted: dict[str, int] = {}
     styles: dict[str, dict[str, Any]] = {}
@@ -108,7 +109,7 @@ def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
 def _curve(at: Axes, worth: CalibrationBenefit, error: Metric, panel: Panel, label: str, style: dict[str, Any]) -> None:
     at.plot(panel.middle, _numbers([median_of(worth, error.name, label, rows) for rows in panel.bins]), **style)
     if label in (worth.calibrated, worth.uncalibrated):
-        # Bands of all would hide one another.
+        # Bands of all curves would hide one another.
         found = [level_of(worth, error.name, label, rows) for rows in panel.bins]
         low, high = _numbers([f.low for f in found]), _numbers([f.high for f in found])
         at.fill_between(panel.middle, low, high, color=style["color"], alpha=0.15, lw=0)

@@ -1,6 +1,6 @@
 """The paper's figure: errors over distance, a panel for each tilt.
 
-The bytes depend on the scores alone.
+The bytes depend only on the scores.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Twice the standard error: 95 % of a mean's error where a cell has enough frames for a normal law.
+# Half-width of a 95 % interval in standard errors, for cells with enough frames for a normal distribution.
 _BAND = 1.96
 _MIN_FOR_BAND = 5
 
 
-# Of more than this nothing could be read: every frame is a dot then.
+# With more panels than this the figure is unreadable: each frame is then drawn as a dot.
 _MAX_PANELS = 6
-# A page with more figures than this is no page to read, nor to mail.
+# A page with more figures than this is too large to read or to mail.
 _MAX_PICTURES = 12
 _MAX_DOTS = 500
 
@@ -52,7 +52,7 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
         grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
         if grid is not None and len(grid[0]) > 1 and len(grid[1]) <= _MAX_PANELS:
             caption = (
-                f"{about}: mean error of the better candidate over distance, a panel a tilt, a curve a kind of "
+                f"{about}: mean error of the better candidate over distance, one panel per tilt, one curve per kind of "
                 "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."
             )
             if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(set(part["intrinsics"].to_pylist())):
@@ -71,7 +71,7 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
 
 def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
     panels = 1 if grid is None else len(grid[1])
-    # One panel a row would be a tall strip: the three errors then stand side by side.
+    # With one panel per row the figure would be tall and narrow, so the three errors are placed side by side.
     shape = (1, len(PAPER)) if panels == 1 else (len(PAPER), panels)
     labels = sorted(set(table["intrinsics"].to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
 
@@ -101,7 +101,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
 
 
 def _scale(axes: Axes) -> None:
-    """A logarithmic axis where curves differ by more than a linear one can show."""
+    """A logarithmic axis if the curves differ by more than a linear axis can show."""
     middles = [float(np.median(known)) for line in axes.lines if len(known := _positive(line.get_ydata()))]
     if middles and max(middles) > 20 * min(middles):
         axes.set_yscale("log")
@@ -118,7 +118,7 @@ def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distanc
     intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
     values = row.values(table)
-    # The camera's own focal length is drawn last, on top of the others.
+    # The true focal length is drawn last, on top of the others.
     for i, label in sorted(enumerate(labels), key=lambda pair: IntrinsicsLabel.of(pair[1]).is_right):
         cells = [values[(intrinsics == label) & at_tilt & (distance == d) & np.isfinite(values)] for d in distances]
         mean = np.array([cell.mean() if len(cell) else np.nan for cell in cells])
@@ -137,12 +137,12 @@ def _scatter(axes: Axes, table: pa.Table, row: Metric, labels: list[str]) -> Non
     for i, label in enumerate(labels):
         rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)
         x, y = distance[rows], values[rows]
-        # 500 dots say all that dots can say; more would only make the file large. Every second one of a
-        # low-discrepancy sequence would lie in one half of its range: they are drawn at random.
+        # 500 dots show the distribution; more only enlarge the file. They are drawn at random, because every second
+        # point of a low-discrepancy sequence lies in one half of its range.
         some = np.sort(np.random.default_rng(0).permutation(len(x))[:_MAX_DOTS])
         size, alpha = (2.5, 0.45) if len(x) > 60 else (4.5, 0.9)
         axes.plot(x[some], y[some], ls="none", marker=marker(i), ms=size, mew=0, color=colour(i), alpha=alpha)
         bins = np.array_split(np.argsort(x, kind="stable"), min(8, len(x) // 5)) if len(x) >= 10 else []
         middles = ([np.median(x[b]) for b in bins], [np.median(y[b]) for b in bins])
-        # Even without a line the legend needs its entry.
+        # The legend needs its entry even without a line.
         axes.plot(*middles, color=colour(i), ls=line(i), marker=marker(i), ms=4, lw=1.4, label=legend_text(label))

@@ -1,6 +1,6 @@
 """Every variable against every error: a matrix of small plots.
 
-The idea of plotting every degree of freedom against every error is FMAC's, for square markers (arXiv 2601.07723).
+FMAC plots every degree of freedom against every error for square markers (arXiv 2601.07723).
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Fewer frames than this are no distribution; with fewer than _MIN_IN_BIN, a bin has no quantiles worth drawing.
+# Minimum number of frames for a distribution; bins with fewer than _MIN_IN_BIN have no useful quantiles.
 _MIN_FRAMES, _MIN_IN_BIN, _MAX_BINS = 24, 8, 10
-# A variable whose values differ by less than this share of their size was not varied.
+# A variable whose values differ by less than this share of their magnitude counts as not varied.
 _MIN_SPREAD = 0.02
-# Bins nearer than this share of the panel's width are one.
+# Bins closer than this share of the panel's width are merged.
 _APART = 0.03
 
 
 @dataclass(frozen=True)
 class Degree:
-    """A degree of freedom: a column of scores.parquet, or one over another, and what its axis says."""
+    """A degree of freedom: a column of scores.parquet or a ratio of two, and its axis label."""
 
     column: str
     label: str
@@ -59,7 +59,7 @@ MISSED = "not solved [%]"
 
 
 def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Picture]:
-    """The matrix of one run against the truth; none where too few frames were scored or nothing was varied.
+    """The matrix of one run against the truth; empty if too few frames were scored or nothing was varied.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pic
             at.xaxis.label.set_size(8)
             at.yaxis.label.set_size(8)
         figure.align_ylabels()
-        # Room in inches for what stands beside the panels: matplotlib's own layout takes seconds for so many.
+        # Margins in inches around the panels; matplotlib's layout engine takes seconds for so many panels.
         figure.subplots_adjust(
             left=0.72 / size[0], right=1 - 0.1 / size[0], bottom=0.42 / size[1], top=1 - 0.1 / size[1],
             wspace=0.1, hspace=0.12,
@@ -107,15 +107,15 @@ def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pic
     caption = (
         f"Method {clean(method, 40)} with {clean(intrinsics, 40)} intrinsics, {len(part)} circles: every variable of "
         "the frames against every error of the better candidate. Line: median; bands: 25 to 75 % and 5 to 95 % of the "
-        "frames of like value. Dashed: median of the frames' own Cramer-Rao bounds, below which the RMS of no unbiased "
-        "method can be. Camera frame; reprojection and ellipse centre in the delivered image; D: marker diameters. "
-        "What was not varied is left out."
+        "frames with similar values. Dashed: median of the frames' own Cramer-Rao bounds, the lower limit of the RMS "
+        "of any unbiased method. Camera frame; reprojection and ellipse centre in the delivered image; D: marker "
+        "diameters. Variables that were not varied are left out."
     )
     return [Picture("matrix", caption, draw_svg("matrix", "Errors by variable", size, draw, layout=None))]
 
 
 def _varied(part: pa.Table, degree: Degree) -> Array | None:
-    """Values of a degree of freedom; None where it has none, or was kept."""
+    """Values of a degree of freedom; None if it has none or was not varied."""
     if degree.column not in part.column_names:
         return None
     values = column(part, degree.column)
@@ -126,15 +126,15 @@ def _varied(part: pa.Table, degree: Degree) -> Array | None:
     if len(known) < _MIN_FRAMES:
         return None
     low, high = np.percentile(known, [2, 98])
-    # Of a place in the image it is the pixels that count: a few of them are no variation, wherever they lie.
+    # For a position in the image the absolute range counts: a few pixels are no variation, wherever they are.
     least = 4.0 if degree.column.startswith("image_") else _MIN_SPREAD * np.abs(known).max()
     return values if high - low > least else None
 
 
 def _bins(values: Array) -> list[NDArray[np.int64]]:
-    """Rows of like value, in the order of their value: those of one level of a grid, or as many in each.
+    """Rows with similar values, ordered by value: one bin per level of a grid, or bins of equal count.
 
-    Parts that a panel could not tell apart are one: many frames of nearly one value would draw a vertical line.
+    Bins that a panel cannot resolve are merged: many frames with nearly the same value would give a vertical line.
     """
     known = np.flatnonzero(np.isfinite(values))
     levels = np.unique(np.round(values[known], 6))
@@ -185,7 +185,7 @@ def _scale_x(axes: Axes, values: Array) -> None:
 
 
 def _scale_y(axes: Axes, values: Array) -> None:
-    """Logarithmic where the frames differ by more than a linear axis can show."""
+    """A logarithmic axis if the frames differ by more than a linear axis can show."""
     from matplotlib.ticker import MaxNLocator, NullLocator
 
     known = values[np.isfinite(values)]

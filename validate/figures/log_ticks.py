@@ -10,13 +10,13 @@ if TYPE_CHECKING:
 
 
 def set_log_ticks(axis: Axis, low: float, high: float, most: int = 4) -> None:
-    """Label about `most` numbers between `low` and `high` on an axis that is logarithmic already.
+    """Label about `most` numbers between `low` and `high` on an axis that is already logarithmic.
 
     Parameters
     ----------
     axis : matplotlib.axis.Axis
     low, high : float
-        The range that is shown, both positive.
+        The displayed range, both positive.
     most : int
         Labels that fit side by side; 4 in a panel of 2 inches.
     """

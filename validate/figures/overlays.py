@@ -22,14 +22,14 @@ from roundel.validate.tables.table import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
 
-# Larger crops are thinned: beyond this the eye sees no more, and the report grows.
+# Larger crops are subsampled: more pixels show no further detail and enlarge the report.
 _MAX_CROP_PX = 220
 _MAX_OVERLAYS = 48
 
 
 @dataclass(frozen=True)
 class Overlay:
-    """One picture: a title, what went wrong, and the SVG with its image inlined."""
+    """One picture: its title, its errors, and the SVG with its image inlined."""
 
     title: str
     text: str
@@ -39,12 +39,12 @@ class Overlay:
 def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) -> list[Overlay]:
     """Overlays of the frames with the largest oracle normal error and of frames that were not solved.
 
-    Each method shows those of its best-known intrinsics: a wrong focal length makes every frame bad in the same way.
+    Each method shows the frames of its most accurate intrinsics, because a wrong focal length affects all frames alike.
     """
     found: list[Overlay] = []
     table = scores.table
     methods = sorted({method for method, _ in scores.matched})
-    # Many methods share what a page can hold.
+    # Many methods share the space of the page.
     errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
     for method in methods[: _MAX_OVERLAYS // 2]:
         labels = (label for m, label in scores.matched if m == method)
@@ -55,7 +55,7 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
             key=lambda r: (-r["oracle_normal_error_deg"], r["frame_id"], r["marker_id"]),
         )
         lost = [r for r in rows if not r["solved"]]
-        # Failures spread over the run say more than its first few.
+        # Failures from the whole run are more informative than the first few.
         spread = lost[:: max(1, len(lost) // failures)][:failures]
         found.extend(_overlay(dataset, scores, row) for row in (*ranked[:errors], *spread))
     return found
@@ -100,7 +100,7 @@ def _svg(dataset: Dataset, row: dict[str, Any], truth: Array, estimate: Array | 
     limit = np.array([record["width_px"], record["height_px"]])
     low, high = visible.min(axis=0), visible.max(axis=0)
     margin = max(6.0, 0.3 * float((high - low).max()))
-    # A square about the contour, as far as the image goes.
+    # A square around the contour, clipped to the image.
     middle, reach = (low + high) / 2, float((high - low).max()) / 2 + margin
     x0, y0 = np.clip(np.floor(middle - reach).astype(int), 0, limit - 1)
     x1, y1 = np.clip(np.ceil(middle + reach).astype(int) + 1, 1, limit)
@@ -108,7 +108,7 @@ def _svg(dataset: Dataset, row: dict[str, Any], truth: Array, estimate: Array | 
     under = _points(dataset, i, row, max(width, height)) if dataset.images.mode(i) == "points" else ""
     if dataset.images.mode(i) == "images":
         under = _image(dataset.images.image(i), int(x0), int(y0), width, height)
-    # Pixel (0, 0) has its centre at the origin: the raster begins half a pixel before it.
+    # The centre of pixel (0, 0) is the origin, so the raster begins half a pixel before it.
     box = f"{x0 - 0.5} {y0 - 0.5} {width} {height}"
     lines = [_path(visible, "truth", closed=len(visible) == len(truth))]
     if estimate is not None:
@@ -126,7 +126,7 @@ def _points(dataset: Dataset, i: int, row: dict[str, Any], size: int) -> str:
     """Edge points of a frame without an image, as dots."""
     points = dataset.images.points(i).get(row["marker_id"], np.empty((0, 2)))
     radius = size / 250
-    # Evenly spread along the contour: so many are enough to see it.
+    # Evenly spaced along the contour; this number is enough to show it.
     some = np.unique(np.linspace(0, max(len(points) - 1, 0), min(len(points), 300)).astype(int))
     return "".join(f'<circle class="point" cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}"/>' for x, y in points[some])
 

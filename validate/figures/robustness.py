@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_SEVERAL = 2  # curves: with fewer the legend says nothing
+_SEVERAL = 2  # curves: with fewer, a legend is not needed
 
 
 def sweep_pictures(sweeps: list[dict[str, Any]]) -> list[Picture]:
-    """One figure a sweep of the summary."""
+    """One figure for each sweep of the summary."""
     found = []
     for sweep in sweeps:
         name = name_of("sweep", sweep["group"], sweep["key"])
@@ -52,22 +52,22 @@ def unit_in_words(sweep: dict[str, Any]) -> str:
 
 
 def sweep_caption(sweep: dict[str, Any]) -> str:
-    """What the figure shows, and where each curve doubles."""
+    """Caption: what the figure shows, and at which level each curve doubles."""
     frames = max(sweep["curves"][0]["frames"])
     relative = sweep["curves"][0]["unit"] == "bounds"
     text = (
         f"Normal error of the better candidate over {title_of(sweep)}"
         + (", divided by the frame's own Cramer-Rao bound at the mildest level" if relative else "")
-        + f": median over the same {frames} circles at every level, a circle that was not solved counting as "
-        "infinitely wrong. Bands: 95 % interval (bootstrap over frames); dashed: where the error has doubled; dotted: "
-        "the bound of each level, which is one of the RMS: the median of a method that reaches it lies at 0.67 to 0.83 "
+        + f": median over the same {frames} circles at every level; an unsolved circle counts as an infinite error. "
+        "Bands: 95 % interval (bootstrap over frames); dashed: where the error has doubled; dotted: "
+        "the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to 0.83 "
         "of it."
     )
     return " ".join([text, *(doubling_in_words(sweep, curve) for curve in sweep["curves"])])
 
 
 def doubling_in_words(sweep: dict[str, Any], curve: dict[str, Any]) -> str:
-    """At what level the error has doubled, with its interval."""
+    """The level at which the error has doubled, with its interval."""
     at, unit = curve["doubling"], f" {sweep['unit']}" if sweep["unit"] else ""
     who = f"{curve['method']}, {curve['intrinsics']}"
     if at["level"] is None:
@@ -78,7 +78,7 @@ def doubling_in_words(sweep: dict[str, Any], curve: dict[str, Any]) -> str:
 
 
 def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
-    """One sweep into one panel: levels from mild to harsh, left to right."""
+    """Draw a sweep into a panel: levels from mild to severe, left to right."""
     levels = np.array(sweep["levels"], dtype=float)
     order = np.argsort(levels)
     for i, curve in enumerate(sweep["curves"]):
@@ -87,7 +87,7 @@ def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
             for n in ("median", "median_low", "median_high", "bound")
         )
         x = levels[order]
-        # An interval that is open above ends with the panel.
+        # An interval without an upper limit ends at the panel's edge.
         top = np.where(np.isfinite(low) & ~np.isfinite(high), 1e3, high)
         axes.fill_between(x, low, top, color=colour(i), alpha=0.15, lw=0)
         several = len({c["method"] for c in sweep["curves"]}) > 1

@@ -1,6 +1,6 @@
 """Runs side by side: a figure of their errors, and paired comparisons on shared frames.
 
-Frames are paired: each has its own difficulty, which cancels. Nothing is claimed of runs that share no frames.
+Frames are paired, so that their individual difficulty cancels. No claim is made about runs that share no frames.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ALPHA = 0.05
-# Fewer shared frames than this decide nothing.
+# With fewer shared frames there is no test.
 MIN_SHARED = 20
 _MAX_SHOWN = 24
 NO_DIFFERENCE = ("no difference shown", "identical")
@@ -39,7 +39,7 @@ ERRORS = HEADLINE
 
 @dataclass(frozen=True)
 class Entry:
-    """One run: its name for people, what it is a kind of (one colour), its summary, and its rows of scores."""
+    """One run: its displayed name, its kind (one colour each), its summary, and its rows of scores."""
 
     label: str
     kind: str
@@ -49,7 +49,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two runs on the frames that they share."""
+    """Two runs on their shared frames."""
 
     first: Entry
     second: Entry
@@ -57,7 +57,7 @@ class Pair:
 
 
 def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]:
-    """Median with its interval, and 95th percentile, of every run: one figure, none for fewer than two."""
+    """One figure with the median, its interval and the 95th percentile of every run; empty for fewer than two runs."""
     shown = [e for e in entries if e.run["oracle"][NORMAL.column]["n"]][:_MAX_SHOWN]
     if len(shown) < 2:
         return []
@@ -93,12 +93,12 @@ def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]
         "95th percentile. Camera frame; reprojection in the delivered image."
     )
     if len(entries) > len(shown):
-        caption += f" {len(entries) - len(shown)} runs are in the table alone."
+        caption += f" {len(entries) - len(shown)} runs are only in the table."
     return [Picture("side-by-side", caption, draw_svg("side-by-side", title, size, draw))]
 
 
 def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
-    """Errors and failures of pairs of runs, frame by frame; nothing where too few frames are shared."""
+    """Errors and failures of pairs of runs, frame by frame; empty if too few frames are shared."""
     errors: list[list[Any]] = []
     solved: list[list[Any]] = []
     for pair in pairs:
@@ -126,10 +126,10 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
             *end,
         ),
         _plain(errors),
-        "Ratio of the RMS errors of the better candidate over the circles that both solved, each over its own "
-        "Cramer-Rao bound where all have one; in brackets its 95 % interval by a paired bootstrap. p: two-sided, Holm "
-        f"over this table. Detectable: the change that these circles would show in 95 of 100 cases at level {ALPHA:g}. "
-        "Camera frame; reprojection in the delivered image.",
+        "Ratio of the RMS errors of the better candidate over the circles that both solved, each error divided by its "
+        "own Cramer-Rao bound if all have one, with its 95 % interval by a paired bootstrap in brackets. p: two-sided, "
+        "Holm-corrected over this table. Detectable: the change that these circles would show in 95 of 100 cases at "
+        f"level {ALPHA:g}. Camera frame; reprojection in the delivered image.",
     )
     lost = Table(
         "solved_by_one",
@@ -143,7 +143,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
             Column("better", "Solves more"),
         ),
         _plain(solved),
-        "Circles that both were to find. p: McNemar's exact test, two-sided, Holm over this table.",
+        "Circles that both should find. p: McNemar's exact test, two-sided, Holm-corrected over this table.",
     )
     return [table for table in (ratio, lost) if table.rows]
 
@@ -173,7 +173,7 @@ def _solved(pair: Pair, a: pa.Table, b: pa.Table) -> list[Any]:
 
 
 def _better(row: Sequence[Any], at: int) -> str:
-    """Who is better, in words; nobody where chance explains it."""
+    """Which run is better; neither if chance explains the difference."""
     if at == 9 and row[6] == row[7] == 1:
         return NO_DIFFERENCE[1]
     if row[at] >= ALPHA:
@@ -187,7 +187,7 @@ def _plain(rows: Sequence[Sequence[Any]]) -> tuple[tuple[Cell, ...], ...]:
 
 
 def runs_to_compare(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
-    """Runs of one table of scores against the truth; `of` says whose they are, where several reports have their own."""
+    """Runs of one table of scores against the truth; `of` is the report's label if there are several reports."""
     found = []
     for run in runs:
         key = (run["method"], run["intrinsics"], run["reference"])
@@ -198,7 +198,7 @@ def runs_to_compare(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "
 
 
 def method_pairs(entries: Sequence[Entry], first: str) -> list[Pair]:
-    """Each other method against the method `first`, intrinsics by intrinsics."""
+    """Each other method against the method `first`, for the same intrinsics."""
     by_intrinsics: dict[str, dict[str, Entry]] = {}
     for entry in entries:
         by_intrinsics.setdefault(entry.run["intrinsics"], {})[entry.kind] = entry

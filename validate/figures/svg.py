@@ -1,7 +1,7 @@
 """Drawing: matplotlib figures as SVG that is inlined into the page and coloured by its style sheet.
 
-Text, grid and curves carry CSS variables, so that one figure serves light and dark. Text stays text, in the reader's
-own font. The bytes depend on what is drawn alone.
+Text, grid and curves use CSS variables, so that one figure works on light and dark pages. Text stays text, in the
+reader's font. The bytes depend only on the drawing.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Colours that stand for CSS variables: matplotlib wants a colour, and writes it as lower-case hex.
+# Placeholder colours for CSS variables: matplotlib needs a colour, and writes it as lower-case hex.
 INK, GRID = "#010203", "#040506"
 
-# Okabe and Ito's palette, which the colour-blind tell apart, without its yellow, which white paper swallows.
-# Each stands for --curve-0 ... in the style sheet, which lightens them for the dark; markers differ as well.
+# Okabe and Ito's palette for colour-blind readers, without its yellow, which is invisible on white paper.
+# They stand for --curve-0 ... in the style sheet, which lightens them for dark pages; markers also differ.
 CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 _TITLE_LIMIT = 300
 
-# Characters that control or reorder what stands beside them; a name of a user's may hold any.
+# Control and reordering characters, which a user's name may contain.
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u00ad\u061c\u200b-\u200f\u202a-\u202e\u2060-\u206f\ufeff]")
 
 # Three panels fill the report's column.
@@ -39,7 +39,7 @@ _PX_PER_PT = 1.6
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure: its SVG, for inlining, and what it shows in words."""
+    """A figure: its SVG for inlining, and its caption."""
 
     name: str
     caption: str
@@ -58,26 +58,26 @@ def marker(i: int) -> str:
 
 
 def line(i: int) -> str:
-    """Line style of the i-th curve: colours and markers come again, dashed."""
+    """Line style of the i-th curve: repeated colours and markers are dashed."""
     return ("-", "--", ":", "-.")[i // len(CURVES) % 4]
 
 
 def legend_text(name: str, limit: int = 40) -> str:
-    """A user's name for matplotlib: on one line, cut, never hidden from a legend, and never read as a formula."""
+    """A user's name for matplotlib: on one line, truncated, never hidden from a legend, never parsed as a formula."""
     shown = clean(name, limit).replace("$", r"\$")
-    # Labels with an underscore before them are left out of legends.
+    # Matplotlib omits labels that begin with an underscore from legends.
     return f" {shown}" if shown.startswith("_") else shown
 
 
 def name_of(*texts: str) -> str:
-    """A figure's name from names of users': different for different ones, and safe as an id and in a path."""
+    """A unique figure name from users' names, safe as an id and in a path."""
     plain = [re.sub(r"[^a-z0-9._-]+", "-", text.lower())[:40].strip("-.") for text in texts]
     name = "-".join(filter(None, plain))
     return name if plain == list(texts) else f"{name}-{sha256(chr(0).join(texts).encode('utf-8', 'replace'))[:8]}"
 
 
 def add_legend(owner: Figure | Axes, **style: Any) -> None:
-    """A legend of what is labelled in a figure or in axes; none where nothing is."""
+    """Add a legend of the labelled artists in a figure or axes, if there are any."""
     from matplotlib.figure import Figure
 
     panels = owner.get_axes() if isinstance(owner, Figure) else [owner]
@@ -97,13 +97,13 @@ def draw_svg(
     Parameters
     ----------
     name : str
-        Of lower-case letters, digits and hyphens; unique on its page.
+        Lower-case letters, digits and hyphens; unique on its page.
     title : str
-        What a screen reader says.
+        Text for screen readers.
     size_in : (width, height)
-        Inches; nine wide fill the report's column.
+        Inches; a width of nine fills the report's column.
     draw : callable
-        Draws into the figure it is given. Only the colours INK, GRID and CURVES change with light and dark.
+        Draws into the given figure. Only the colours INK, GRID and CURVES adapt to light and dark pages.
     layout : "constrained" or None
         Matplotlib's layout engine; with None, `draw` places the axes.
 
@@ -148,13 +148,13 @@ def draw_svg(
 
 
 def inlined(svg: str, name: str, title: str) -> str:
-    """An SVG file of matplotlib's as an element for HTML: coloured by CSS, own ids, a label for screen readers."""
+    """A matplotlib SVG file as an HTML element: coloured by CSS, unique ids, a label for screen readers."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
     svg = re.sub(r"\s*\n\s*", "\n", svg)
     svg = _CONTROLS.sub("\N{REPLACEMENT CHARACTER}", svg)
     svg = re.sub(r' xmlns:xlink="[^"]*"', "", svg).replace("xlink:href", "href")
-    # Figures on one page must not share ids.
+    # Ids must be unique on a page.
     svg = re.sub(r'\bid="([^"]+)"', rf'id="{name}-\1"', svg)
     svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
     svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
@@ -162,7 +162,7 @@ def inlined(svg: str, name: str, title: str) -> str:
     colours |= {colour: f"var(--curve-{i})" for i, colour in enumerate(CURVES)}
     for colour, variable in colours.items():
         svg = svg.replace(colour, variable)
-    # A hundredth of a point is below any pixel, and half the file.
+    # A hundredth of a point is below a pixel; rounding to it halves the file.
     svg = re.sub(r"<[^>]+>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), svg)
     # Scale to the page width, but no larger than the size at which all figures have the same font size.
     width = re.search(r'<svg[^>]*? width="([\d.]+)pt"', svg)
@@ -173,13 +173,13 @@ def inlined(svg: str, name: str, title: str) -> str:
     return svg.replace("<svg", f'<svg class="figure" role="img" aria-label="{text}"', 1).strip()
 
 
-# The report's own colours (report.css), for figures that stand in a README.
+# The report's colours (report.css), for figures that are shown in a README.
 _LIGHT = ("#1b1f24", "#c9ced6", *CURVES)
 _DARK = ("#e6e8eb", "#4a515b", "#4aa3df", "#ff8a3d", "#2fc89a", "#e59cc4", "#f2b93b", "#8fd0f5", "#a8a8a8")
 
 
 def standalone_svg(picture: Picture) -> str:
-    """The figure as a file of its own, which follows the reader's light or dark."""
+    """The figure as a file that follows the reader's light or dark scheme."""
     names = ("--ink", "--grid", *(f"--curve-{i}" for i in range(len(CURVES))))
     light, dark = ("".join(f"{n}:{v};" for n, v in zip(names, values, strict=True)) for values in (_LIGHT, _DARK))
     style = f"<style>svg{{{light}}}@media(prefers-color-scheme:dark){{svg{{{dark}}}}}</style>"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DISTANCE = "distance [D]"
 _MIN_DF = 4
-BANDS = "Means of the better candidate; bands: 95 % interval, where frames suffice. D: marker diameters."
+BANDS = "Means of the better candidate; bands: 95 % interval if there are enough frames. D: marker diameters."
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ def curves_of_cases(s: Condition, name: str) -> list[Curve]:
 
 
 def draw_curve(axes: Axes, curve: Curve) -> None:
-    """Line, markers and the band of the intervals."""
+    """Draw line, markers and the band of the intervals."""
     known = [(x, e) for x, e in zip(curve.x.tolist(), curve.y, strict=True) if e is not None]
     if not known:
         return
-    # Of so few frames an interval would be all that the panel shows.
+    # With so few frames the interval would fill the panel.
     bounds = np.array([(x, e.value, *(e.interval() if e.df >= _MIN_DF else (np.nan, np.nan))) for x, e in known])
     if curve.as_ratio:
         bounds[:, 1:] = np.exp(bounds[:, 1:])
     else:
-        # On a logarithmic axis an interval that reaches zero would reach the cellar.
+        # On a logarithmic axis, intervals that reach zero are clipped.
         bounds[:, 2] = np.maximum(bounds[:, 2], 0.3 * bounds[:, 1])
     c, above = colour(curve.style), 2.5 - 0.01 * curve.style
     axes.fill_between(bounds[:, 0], bounds[:, 2], bounds[:, 3], color=c, alpha=0.16, lw=0, zorder=above - 1)
@@ -67,19 +67,19 @@ def draw_curve(axes: Axes, curve: Curve) -> None:
 
 
 def draw_law(axes: Axes, x: Array, y: Array, label: str = "") -> None:
-    """A dashed line: what theory says."""
+    """Draw a dashed line for the law of theory."""
     axes.plot(x, y, color=INK, lw=0.9, ls=(0, (4, 3)), label=label or "_", zorder=3)
 
 
 def logarithmic(axes: Axes, x: Array) -> None:
-    """Log-log axes whose ticks are plain numbers: powers of ten would leave most of these axes without any."""
+    """Log-log axes with plain numbers as ticks; powers of ten would leave most of these axes without ticks."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
     axes.set_xscale("log")
     axes.set_yscale("log")
     ticks = [float(x[-1])]
     for tick in x[-2::-1].tolist():
-        # Nearer than this, labels run into each other.
+        # Closer labels would overlap.
         if tick * 1.2 < ticks[-1]:
             ticks.append(tick)
     axes.xaxis.set_major_locator(FixedLocator(ticks))
@@ -99,7 +99,7 @@ def _plain_log_y(axes: Axes) -> None:
 
 
 def _columns(labels: Iterable[str], width_in: float) -> int:
-    """How many entries of a legend fit side by side: letters of 9 points, and the line before each."""
+    """Number of legend entries that fit side by side: letters of 9 points, plus the line of each entry."""
     widest = max(len(text) for text in labels)
     return max(1, min(6, int(width_in / (0.068 * widest + 0.5))))
 
@@ -110,7 +110,7 @@ Panel = Callable[["Axes", Condition], None]
 def panels_of(
     name: str, title: str, settings: Sequence[Condition], panels: Sequence[Panel], y_labels: Sequence[str], words: str
 ) -> Picture:
-    """Settings side by side, each with every panel; one legend above."""
+    """Conditions side by side, each with all panels, and one legend above."""
     pairs = [(s, panel, label) for s in settings for panel, label in zip(panels, y_labels, strict=True)]
 
     size = (max(3.0 * len(pairs), 6.0), 2.9)
@@ -127,7 +127,7 @@ def panels_of(
                 axes.set_ylabel(label)
             for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(text, handle)
-        # With one frame a cell there are no intervals and no fits, and nothing to name.
+        # With one frame per cell there are no intervals and fits, so a legend is not needed.
         if handles:
             figure.legend(
                 handles.values(), handles.keys(), loc="outside upper center", ncols=_columns(handles, size[0])

@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_PANELS = 3
-# Nearer to the axis, the part of the bias that falls with the square of the distance still rules.
+# Closer to the axis, the part of the bias that falls with the square of the distance dominates.
 _FAR_DEG = 5.0
 
 
 def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[Verdict]) -> list[Picture]:
-    """A picture for each verdict, named as the verdict names it.
+    """A picture for each verdict, with the name that the verdict gives.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _normal_distance(name: str, title: str, settings: Sequence[Condition]) -> Pi
         draw_law(axes, distances, start * (distances / distances[0]), "proportional to distance")
         logarithmic(axes, distances)
 
-    words = "Error of the normal with the right focal length over distance, a curve a tilt."
+    words = "Error of the normal with the right focal length over distance, one curve per tilt."
     return panels_of(name, title, settings, [panel], ["normal [deg]"], words)
 
 
@@ -93,8 +93,8 @@ def _normal_tilt(name: str, title: str, settings: Sequence[Condition]) -> Pictur
         logarithmic(axes, distances)
 
     words = (
-        "Error of the normal at the lowest tilt over that at each other tilt, by distance; above the dashed line the "
-        "lowest tilt is worse."
+        "Ratio of the error of the normal at the lowest tilt to that at each other tilt, by distance; above the dashed "
+        "line the lowest tilt is worse."
     )
     return panels_of(name, title, settings, [panel], ["ratio of normal errors"], words)
 
@@ -118,7 +118,7 @@ def _position_calibrated(name: str, title: str, settings: Sequence[Condition]) -
         add_legend(lenient)
 
     caption = (
-        "The calibrated curve twice: alone on logarithmic axes, and on the paper's axis, which reaches up to the "
+        "The calibrated curve twice: alone on logarithmic axes, and on the paper's axis, which extends to the "
         f"uncalibrated curves. {BANDS}"
     )
     return Picture(name, caption, draw_svg(name, title, (7.0, 2.9), draw))
@@ -135,7 +135,7 @@ def _position_uncalibrated(name: str, title: str, settings: Sequence[Condition])
             draw_law(axes, distances, means, "noise-free |k - 1| r")
         logarithmic(axes, distances)
 
-    words = "Error of position over distance; dashed: what the focal length alone makes of it, without noise."
+    words = "Error of position over distance; dashed: the error due to the focal length alone, without noise."
     return panels_of(name, title, settings, [panel], ["position [D]"], words)
 
 
@@ -151,7 +151,7 @@ def _reprojection_calibrated(name: str, title: str, settings: Sequence[Condition
             add_legend(figure, loc="outside upper center", ncols=len(settings))
 
     words = "Reprojection error with the right focal length over distance"
-    words += ", a curve a setting." if len(settings) > 1 else "."
+    words += ", one curve per condition." if len(settings) > 1 else "."
     caption = f"{words} {BANDS}"
     return Picture(name, caption, draw_svg(name, title, (6.0, 2.9), draw))
 
@@ -183,12 +183,12 @@ def _reprojection_meets(name: str, title: str, settings: Sequence[Condition]) ->
         draw_law(axes, distances, np.full(len(distances), NEAR), f"{NEAR:g} times")
         logarithmic(axes, distances)
 
-    words = "Reprojection error with a wrong focal length over that with the right one, frame by frame the same."
+    words = "Reprojection error with a wrong focal length over that with the right one, on the same frames."
     return panels_of(name, title, settings, [panel], ["uncalibrated / calibrated"], words)
 
 
 def _points(pairs: Sequence[tuple[float, Estimate]]) -> tuple[list[float], list[float], list[float]]:
-    """x, y and half the interval."""
+    """x, y and half-width of the interval."""
     return (
         [k for k, _ in pairs],
         [e.value for _, e in pairs],
@@ -202,10 +202,10 @@ def _normal_focal(name: str, title: str, settings: Sequence[Condition]) -> Pictu
         for i, s in enumerate(settings[:7]):
             changes = {n: e for n in s.wrong if (e := mean_of(added(s, n), s.frame)) is not None}
             angle = f"{number(float(np.median(s.off_axis_deg)), 2)}\N{DEGREE SIGN} off axis"
-            # Side by side where settings would cover each other.
+            # Offset horizontally so that conditions do not cover each other.
             shift = 0.004 * (i - (min(len(settings), 7) - 1) / 2)
             pure = [(s.factor[n] + shift, e) for n, e in changes.items() if n in s.pure]
-            # The true focal length adds nothing to itself: without it the line would jump over its own foot.
+            # The true focal length adds no error; without this point the line would skip its zero.
             pure.append((1.0 + shift, Estimate(0.0, np.zeros(1), 1, 0)))
             pure.sort(key=lambda point: point[0])
             else_wrong = [(s.factor[n] + shift, e) for n, e in changes.items() if n not in s.pure]
@@ -221,8 +221,8 @@ def _normal_focal(name: str, title: str, settings: Sequence[Condition]) -> Pictu
         add_legend(figure, loc="outside upper center", ncols=2 if len(settings) > 1 else 1)
 
     words = (
-        "What a wrong focal length adds to the mean error of the normal, paired by frame; the grey band is nothing. "
-        "Hollow: intrinsics that are wrong in more than the focal length."
+        "Increase of the mean error of the normal by a wrong focal length, paired by frame; changes within the grey "
+        "band count as none. Hollow: intrinsics that are wrong in more than the focal length."
     )
     size = (6.0, 2.9 + 0.15 * math.ceil(len(settings) / 2))
     return Picture(name, f"{words} Bars: 95 % interval.", draw_svg(name, title, size, draw))

@@ -13,14 +13,14 @@ _OURS = b'<svg class="figure"'  # how `draw_svg` begins
 
 
 def write_figures(folder: Path, pictures: Sequence[Picture]) -> None:
-    """Write every figure as `folder`/figures/NAME.svg; a figure of an earlier run, which this one lacks, does not stay.
+    """Write every figure as `folder`/figures/NAME.svg and delete figures of earlier runs that this run lacks.
 
     Parameters
     ----------
     folder : Path
-        The report's.
+        The report's folder.
     pictures : sequence of Picture
-        Their names are safe in paths (`drawing.name_of`).
+        Their names are safe in paths (`svg.name_of`).
     """
     inside = folder / FOLDER
     for old in set(inside.glob("*.svg")) - {inside / f"{picture.name}.svg" for picture in pictures}:

@@ -1,7 +1,7 @@
 """Baselines: accepted scores in one small Parquet file for git.
 
-A row is one circle with one method and one kind of intrinsics; the file's metadata say what the rows may be compared
-with, and who accepted them why.
+A row is one circle with one method and one kind of intrinsics. The file's metadata identify what the rows may be
+compared with, and record who accepted them and why.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ERRORS = tuple(m.oracle for m in (POSE, NORMAL, POSITION_M, CONTOUR, SHIFT_X, SH
 BOUNDS = tuple(dict.fromkeys(m.bound for m in (NORMAL, POSITION_M, CONTOUR)))
 _COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
 _METADATA = b"roundel_baseline"
-_SINGLE = (*ERRORS, *BOUNDS)  # seven digits are plenty to compare with, and half the size in git
+_SINGLE = (*ERRORS, *BOUNDS)  # seven digits are enough for comparison, at half the size in git
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Baseline:
         Identity of the dataset, digest of its images, hash of the validator's settings.
     metric_version : int
     accepted : list of dict
-        `{reason, roundel}` of every acceptance, the latest last.
+        `{reason, roundel}` of every acceptance, in order of time.
     """
 
     rows: pa.Table
@@ -55,14 +55,14 @@ class Baseline:
 
 
 def baseline_of_report(report: str | Path) -> Baseline:
-    """The scores of a report, as a baseline that nobody has accepted yet.
+    """The scores of a report, as a baseline that is not yet accepted.
 
     Raises
     ------
     UsageError
         If there is no report.
     DataError
-        If it is corrupt, scores a circle twice, or is from a version without what a gate needs.
+        If it is corrupt, scores a circle twice, or is from a version that lacks data for the gate.
     NotComparableError
         If it scored nothing.
     """
@@ -97,7 +97,7 @@ def baseline_of_scores(scores: pa.Table) -> pa.Table:
 
 
 def _check_rows(rows: pa.Table, source: Path) -> None:
-    """There are scores, and one a circle and run."""
+    """Check that there are scores, exactly one per circle and run."""
     if rows.num_rows == 0:
         raise NotComparableError(f"{source}: no scores, so there is nothing to compare")
     keys = rows.select(list(KEY))
@@ -106,7 +106,7 @@ def _check_rows(rows: pa.Table, source: Path) -> None:
 
 
 def write_baseline(baseline: Baseline, path: str | Path) -> None:
-    """Write a baseline, whole or not at all; the same scores give the same bytes."""
+    """Write a baseline atomically; the same scores give the same bytes."""
     facts: dict[str, Any] = {
         "schema": SCHEMA,
         "metric_version": baseline.metric_version,
@@ -129,7 +129,7 @@ def read_baseline(path: str | Path) -> Baseline:
     UsageError
         If there is no such file.
     DataError
-        If it is corrupt or none, or scores a circle twice.
+        If it is corrupt or not a baseline, or scores a circle twice.
     NotComparableError
         If it is empty, or another version of Roundel wrote it in another format.
     """
@@ -141,28 +141,28 @@ def read_baseline(path: str | Path) -> Baseline:
         facts = json.loads((table.schema.metadata or {})[_METADATA])
         schema = facts["schema"]
         if schema != SCHEMA:
-            raise NotComparableError(f"{file}: a baseline of format {schema}, not {SCHEMA}; accept a new one")
+            raise NotComparableError(f"{file}: the baseline has format {schema}, not {SCHEMA}; accept a new one")
         rows = table.replace_schema_metadata(None).select(list(_COLUMNS))
         _check_rows(rows, file)
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
         return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         reason = first_line(error)
-        raise DataError(f"{file}: not a baseline, or a damaged one ({reason})") from error
+        raise DataError(f"{file}: not a baseline, or damaged ({reason})") from error
 
 
 def accept(report: str | Path, path: str | Path, reason: str) -> Baseline:
-    """Make the scores of a report the baseline; what was accepted before stays in its history.
+    """Make the scores of a report the baseline; its history keeps earlier acceptances.
 
     Raises
     ------
     UsageError
         If no reason is given, or there is no report.
     NotComparableError
-        If too few circles are solved for any later verdict.
+        If too few circles are solved for a verdict.
     """
     if not reason.strip():
-        raise UsageError("--reason: say why these scores are right; whoever reads the history will want to know")
+        raise UsageError("--reason: state why these scores are right; the reason is kept in the history")
     new = baseline_of_report(report)
     solved = new.rows.filter(new.rows["solved"]).group_by(["method", "intrinsics"]).aggregate([([], "count_all")])
     most = max(solved["count_all"].to_pylist(), default=0)

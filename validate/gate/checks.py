@@ -1,7 +1,7 @@
 """Checks of one run against its baseline, paired circle by circle.
 
-Three kinds of question: has an error grown (RMS of errors over their bounds), has an error moved (the mean of a signed
-one), have circles been lost (a rate). What no test can see in noise, golden frames show on the same images.
+There are three kinds of test: growth of an error (RMS of errors over their bounds), shift of an error (mean of a signed
+error), and loss of circles (a rate). On the same images, golden frames show changes that noise would hide from a test.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from roundel.validate.statistics.paired_tests import PairedTest, mcnemar_test, r
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ALPHA = 0.005  # of one false alarm in the whole family
-MIN_CIRCLES = 30  # below them a statistic says nothing worth a verdict
+ALPHA = 0.005  # chance of any false alarm in the whole family
+MIN_CIRCLES = 30  # with fewer there is no verdict
 RELATIVE_FLOOR = 0.02
 RATE_FLOOR = 0.002
-# An error this many times the baseline's median is gross. Gross errors are counted, and enter an RMS as if they were
-# just gross: a few of them would otherwise hide from it whatever happens to all the others.
+# An error above this multiple of the baseline's median is gross. Gross errors are counted, and clipped to this limit in
+# an RMS; otherwise a few of them would mask changes of all the others.
 GROSS = 8.0
-# Golden frames: an error may grow by half of itself, or by so many bounds, whichever is more. Fresh noise on the same
-# scene stays below that; a bug does not.
+# Golden frames: an error may grow by half, or by this many bounds, whichever is larger. New noise on the same scene
+# stays below that; a bug does not.
 GOLDEN = 16
 GOLDEN_RELATIVE = 0.5
 GOLDEN_BOUNDS = 8.0
@@ -36,29 +36,29 @@ GOLDEN_BOUNDS = 8.0
 
 @dataclass(frozen=True)
 class Quantity:
-    """An error that the gate watches, and the loss, in its unit, below which none matters."""
+    """An error that the gate checks, and the smallest loss, in its unit, that counts."""
 
     metric: Metric
     floor: float
 
     @property
     def column(self) -> str:
-        """Of scores.parquet."""
+        """Column of scores.parquet."""
         return self.metric.oracle
 
     @property
     def bound(self) -> str | None:
-        """Column of the error's bound; None where the error is in bounds already, or has none."""
+        """Column of the error's bound; None if the error is in units of its bound, or has no bound."""
         return self.metric.bound or None
 
     @property
     def title(self) -> str:
-        """Within a sentence."""
+        """Name within a sentence."""
         return self.metric.words
 
     @property
     def unit(self) -> str:
-        """Of the error."""
+        """Unit of the error."""
         return self.metric.unit
 
 
@@ -69,7 +69,7 @@ SHIFTS = (Quantity(metric.SHIFT_X, 0.002), Quantity(metric.SHIFT_Y, 0.002))
 
 @dataclass(frozen=True)
 class Check:
-    """One question and its answer.
+    """One check and its verdict.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Check:
         `same`, `worse`, `better`, or `identical`.
     sentence : str
     p_value : float
-        Adjusted for the family; NaN where nothing was tested.
+        Adjusted for the family; NaN if nothing was tested.
     """
 
     run: str
@@ -90,7 +90,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Tested:
-    """A question put to the data: its kind (`growth`, `shift`, `rate`), the test, and what the sentence tells.
+    """A test of the data: its kind (`growth`, `shift`, `rate`), its result, and the values for the sentence.
 
     `was` and `is_now` are an RMS, a mean or a rate.
     """
@@ -106,12 +106,12 @@ class Tested:
 
     @property
     def could_differ(self) -> bool:
-        """Whether the two sides differ at all: if not, the question takes no part in the family."""
+        """Whether the two sides differ at all; if not, the test is not part of the family."""
         return self.test.effect != 0.0 or self.test.standard_error > 0.0
 
 
 def flags(rows: pa.Table, name: str) -> Flags:
-    """A column of booleans without nulls."""
+    """A column of booleans; it has no nulls."""
     return np.asarray(rows[name].to_numpy(zero_copy_only=False), dtype=bool)
 
 
@@ -121,7 +121,7 @@ def floats(rows: pa.Table, name: str) -> Array:
 
 
 def golden(run: str, new: pa.Table, old: pa.Table) -> Check:
-    """Circles evenly spread over those that the baseline solved: each error may grow by a tolerance, no more.
+    """Check evenly spaced circles that the baseline solved: each error may grow at most by its tolerance.
 
     Parameters
     ----------
@@ -139,15 +139,15 @@ def golden(run: str, new: pa.Table, old: pa.Table) -> Check:
             was, is_now = floats(old, q.column)[row], floats(new, q.column)[row]
             bound = floats(old, q.bound)[row] if q.bound else 1.0
             allowed = was + max(GOLDEN_RELATIVE * was, GOLDEN_BOUNDS * bound if math.isfinite(bound) else 0.0, q.floor)
-            # An error that cannot be told any more is none that stayed small.
+            # An error that is no longer known has not stayed within its tolerance.
             if math.isfinite(was) and not is_now <= allowed:
                 sentence = f"{where}: {q.title} {was:.3g} -> {is_now:.3g} {q.unit}, allowed {allowed:.3g}"
                 return Check(run, "golden frames", "worse", sentence)
-    return Check(run, "golden frames", "same", f"{len(rows)} golden circles stay within their tolerances")
+    return Check(run, "golden frames", "same", f"{len(rows)} golden circles are within their tolerances")
 
 
 def questions(run: str, new: pa.Table, old: pa.Table) -> list[Tested]:
-    """Every question that the scores of one run can answer.
+    """All tests that the scores of one run allow.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def questions(run: str, new: pa.Table, old: pa.Table) -> list[Tested]:
 
 
 def _bound(old: pa.Table, q: Quantity, both: Flags) -> Array:
-    """What each error is divided by: its bound, or 1 for all where most circles have none (images without noise)."""
+    """Divisor of each error: its bound, or 1 for all if most circles have no bound (images without noise)."""
     one = np.ones(old.num_rows)
     if q.bound is None:
         return one
@@ -200,11 +200,11 @@ def _bound(old: pa.Table, q: Quantity, both: Flags) -> Array:
 
 
 def _spread(errors: Array, groups: list[str]) -> Array:
-    """RMS of the group that each error belongs to: a group far from its bounds does not outweigh the others."""
+    """RMS of the group of each error, so that a group far from its bounds does not outweigh the others."""
     names, index = np.unique(np.array(groups), return_inverse=True)
     count = np.bincount(index, minlength=len(names))
     power = np.bincount(index, errors**2, minlength=len(names)) / count
-    # What is known of a few circles, or of a group without error, is no measure of anything.
+    # A group with few circles or without error gives no useful scale.
     power = np.where((count >= MIN_CIRCLES) & (power > 0), power, np.mean(errors**2))
     return np.sqrt(np.where(power > 0, power, 1.0))[index]
 
@@ -219,7 +219,7 @@ def _rms(values: Array) -> float:
 
 
 def answer(tested: Tested, p: float) -> Check:
-    """The verdict on one question; `p` is adjusted for the family."""
+    """The verdict of one test; `p` is adjusted for the family."""
     t, test = tested, tested.test
     if t.kind == "rate":
         sure = p < ALPHA and test.effect > t.floor

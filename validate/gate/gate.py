@@ -1,10 +1,10 @@
 """The gate: fails when a solver is worse on the same frames by a loss that is certain and that matters.
 
-- What is unlike is not compared: another dataset, metric version or settings, other runs, too few circles.
-- The same images and the same scores: identical, and nothing more to ask.
-- Golden frames, where the images are the same: no error may grow beyond an absolute and a relative tolerance.
-- Statistics over all frames (`gate_checks`): errors over their frame's own bound, shifts (half a pixel is lost in no
-  mean), rates. Holm's correction holds the family's false alarms below 0.5 %, and a loss counts only beyond a relative
+- Different datasets, metric versions, settings or runs, and too few circles, are not compared.
+- The same images with the same scores are identical; no test is needed.
+- Golden frames, if the images are the same: no error may grow beyond an absolute and a relative tolerance.
+- Statistics over all frames (`checks`): errors over their frame's own bound, shifts (a mean shows a bias of half a
+  pixel), rates. Holm's correction keeps the family's false alarms below 0.5 %, and a loss counts only beyond a relative
   *and* an absolute floor.
 """
 
@@ -36,7 +36,7 @@ from roundel.validate.statistics.paired_tests import detectable_effect
 
 @dataclass(frozen=True)
 class Frame:
-    """A circle whose error grew most: by how many bounds, and from what to what."""
+    """A circle whose error grew most: the growth in bounds, and the values before and after."""
 
     run: str
     frame_id: int
@@ -47,7 +47,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class GateResult:
-    """All checks, and the circles that lost most."""
+    """All checks, and the circles with the largest losses."""
 
     checks: list[Check]
     worst: list[Frame]
@@ -70,7 +70,7 @@ def gate(new: Baseline, old: Baseline) -> GateResult:
     Raises
     ------
     NotComparableError
-        If they are unlike, or there are too few circles.
+        If they differ in dataset, settings or runs, or there are too few circles.
     """
     _check_alike(new, old)
     same_images = new.images == old.images
@@ -92,13 +92,13 @@ def gate(new: Baseline, old: Baseline) -> GateResult:
             checks.append(golden(label, a, b))
         tested += questions(label, a, b)
         worst += _worst(label, a, b)
-    # What does not differ at all cannot be a false alarm: it takes no part in the family.
+    # A test whose sides do not differ cannot be a false alarm, so it is not part of the family.
     family = [t for t in tested if t.could_differ]
     adjusted = dict(zip(map(id, family), holm([t.test.p_value for t in family]).tolist(), strict=True))
     checks += [answer(t, adjusted.get(id(t), 1.0)) for t in tested]
     worst.sort(key=lambda frame: -frame.growth)
     more = [
-        f"{m}, {i}: not in the baseline, and not compared" for m, i in _runs(new.rows) if (m, i) not in _runs(old.rows)
+        f"{m}, {i}: not in the baseline, so not compared" for m, i in _runs(new.rows) if (m, i) not in _runs(old.rows)
     ]
     return GateResult(checks, worst[:10], [*_power(family), *more])
 
@@ -118,7 +118,7 @@ def _check_alike(new: Baseline, old: Baseline) -> None:
         raise NotComparableError("the report was made with other settings than the baseline; validate with the same")
     missing = [f"{m}, {i}" for m, i in _runs(old.rows) if (m, i) not in _runs(new.rows)]
     if missing:
-        raise NotComparableError(f"the report has no run '{missing[0]}', which the baseline has; solve with it too")
+        raise NotComparableError(f"the report lacks the run '{missing[0]}' of the baseline; solve with it, too")
     for run in _runs(old.rows):
         keys = [_rows_of(side.rows, run).select(list(KEY)) for side in (new, old)]
         if not keys[0].equals(keys[1]):
@@ -138,7 +138,7 @@ def _rows_of(rows: pa.Table, run: tuple[str, str]) -> pa.Table:
 
 
 def _worst(run: str, new: pa.Table, old: pa.Table) -> list[Frame]:
-    """Circles that were lost, then those whose error grew most: that of the pose in bounds, else of the normal."""
+    """Lost circles, then those whose error grew most: that of the pose in bounds, else of the normal."""
     was, is_now, unit = floats(old, POSE.column), floats(new, POSE.column), "bounds"
     what = "pose"
     if not np.isfinite(was).any():
@@ -157,10 +157,10 @@ def _worst(run: str, new: pa.Table, old: pa.Table) -> list[Frame]:
 
 
 def _power(family: list[Tested]) -> list[str]:
-    """What these frames could have shown, at Holm's first and hardest step."""
+    """Detectable losses with these frames, at Holm's first and strictest step."""
     seen = [(t, detectable_effect(t.test.standard_error, ALPHA / len(family))) for t in family if t.kind == "growth"]
     return [
-        f"{t.run}: a loss of {100 * math.expm1(effect):.1f} % in {t.title} would be seen in 95 of 100 cases"
+        f"{t.run}: a loss of {100 * math.expm1(effect):.1f} % in {t.title} would be detected in 95 of 100 cases"
         for t, effect in seen
         if 0 < effect < math.inf
     ]

@@ -9,9 +9,9 @@ import xml.etree.ElementTree as ET
 from roundel.validate.gate.checks import Check
 from roundel.validate.gate.gate import Frame, GateResult
 
-# GitHub drops a step summary above 1,024 kB whole.
+# GitHub discards a step summary that is larger than 1,024 kB.
 SUMMARY_LIMIT_BYTES = 1_000_000
-_FEW = 200  # checks that are worse, listed before the circles that are to blame
+_FEW = 200  # failed checks that are listed before the circles
 
 
 def replay_command(frame: Frame) -> str:
@@ -19,16 +19,16 @@ def replay_command(frame: Frame) -> str:
     method, intrinsics = frame.run.split(", ", 1)
     frames = f"{frame.frame_id}:{frame.frame_id + 1}"
     if intrinsics.startswith("calibrated:"):
-        intrinsics += ".json"  # a run is called by its camera file's name alone
+        intrinsics += ".json"  # a run's label contains only the name of its camera file
     words = ["--frames", frames, "--method", method, "--intrinsics", intrinsics]
     return f"roundel solve DATASET OUT {shlex.join(words)}"
 
 
 def lines(result: GateResult) -> list[str]:
-    """The verdict for a terminal: what is worse first, then the rest, then the circles that lost most."""
+    """The verdict for a terminal: failed checks first, then the others, then the circles with the largest losses."""
     out = [f"{check.verdict:9s} {check.run}: {check.sentence}" for check in _worst_first(result)]
     if not result.passed and result.worst:
-        out.append("circles that lost most:")
+        out.append("circles with the largest losses:")
         out += [f"  {_place(frame)}: {frame.sentence}    {replay_command(frame)}" for frame in result.worst]
     out += result.notes
     worse = sum(check.verdict == "worse" for check in result.checks)
@@ -45,7 +45,7 @@ def _place(frame: Frame) -> str:
 
 
 def junit_xml(result: GateResult, suite: str = "roundel gate") -> bytes:
-    """JUnit XML: a test case a check. Every time is 0, so that the same verdict has the same bytes."""
+    """JUnit XML: one test case per check. All times are 0, so that the same verdict has the same bytes."""
     worse = [check for check in result.checks if check.verdict == "worse"]
     counts = {"tests": str(len(result.checks)), "failures": str(len(worse)), "errors": "0", "time": "0"}
     root = ET.Element("testsuites", counts)
@@ -63,7 +63,7 @@ def junit_xml(result: GateResult, suite: str = "roundel gate") -> bytes:
 
 
 def refused_xml(reason: str, suite: str = "roundel gate") -> bytes:
-    """JUnit XML of a comparison that was refused: one test case, in error."""
+    """JUnit XML of a refused comparison: one test case with an error."""
     counts = {"tests": "1", "failures": "0", "errors": "1", "time": "0"}
     root = ET.Element("testsuites", counts)
     node = ET.SubElement(root, "testsuite", {"name": suite, **counts, "skipped": "0"})
@@ -83,35 +83,35 @@ def _details(check: Check, result: GateResult) -> str:
 
 
 def _plain(text: str) -> str:
-    """Without the control characters that XML 1.0 has no way to write."""
+    """The text without control characters, which XML 1.0 cannot represent."""
     return "".join(c if c in "\n\t" or ord(c) >= 32 else "?" for c in text)
 
 
 def markdown(result: GateResult) -> str:
-    """A step summary in Markdown, below GitHub's limit whatever the number of runs: what is worse comes first."""
+    """A step summary in Markdown, always below GitHub's size limit; failed checks come first."""
     checks = _worst_first(result)
     worse = [check for check in checks if check.verdict == "worse"]
     out = [f"## Roundel gate: {'**worse**' if worse else 'passed'}", ""]
     if worse:
         out += [*_table(worse[:_FEW]), *([f"and {len(worse) - _FEW} more"] if len(worse) > _FEW else []), ""]
     if worse and result.worst:
-        out += ["### Circles that lost most", "", "| circle | error | replay |", "|---|---|---|"]
+        out += ["### Circles with the largest losses", "", "| circle | error | replay |", "|---|---|---|"]
         out += [f"| {_cell(_place(f))} | {_cell(f.sentence)} | `{_cell(replay_command(f))}` |" for f in result.worst]
-        out += ["", "### The other checks", ""]
+        out += ["", "### Other checks", ""]
     out += [*_table(checks[len(worse) :]), "", *(f"- {_cell(note)}" for note in result.notes)]
     kept: list[str] = []
     size = 0
     for line in out:
         size += len(line.encode()) + 1
         if size > SUMMARY_LIMIT_BYTES - 100:
-            kept.append("\n(cut short: a longer summary would be dropped)")
+            kept.append("\n(truncated: GitHub discards longer summaries)")
             break
         kept.append(line)
     return "\n".join(kept).rstrip() + "\n"
 
 
 def refused_markdown(reason: str) -> str:
-    """A step summary of a comparison that was refused."""
+    """A step summary of a refused comparison."""
     return f"## Roundel gate: **nothing compared**\n\n{_cell(reason)}\n"
 
 
@@ -126,6 +126,6 @@ def _table(checks: list[Check]) -> list[str]:
 
 
 def _cell(text: str) -> str:
-    """Text that stays in its cell and is text: no pipes, tags, code or line breaks of its own."""
+    """Text escaped for a table cell: no pipes, tags, code or line breaks."""
     escaped = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return " ".join(escaped.replace("|", "\\|").replace("`", "'").split())

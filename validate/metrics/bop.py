@@ -1,12 +1,12 @@
 """BOP's MSSD and MSPD of a disc: the largest surface and projection distance at the best in-plane rotation.
 
-A circle turned about its own normal is the same circle, and no estimate tells the turn. BOP therefore takes the least,
-over the symmetries of an object, of the largest displacement of its vertices, in space (MSSD) or in the image (MSPD):
+A circle rotated about its normal is the same circle, so estimates do not determine the rotation. BOP therefore takes
+the minimum, over an object's symmetries, of the largest displacement of its vertices, in space (MSSD) or image (MSPD):
 
     e = min over phi of max over t of |X'(t) - X(t + phi)|
 
-with the true rim X and the estimated one X'. Here neither is sampled: a rim is a short Fourier series in t (in space it
-has one harmonic, its image a few, as they fall off like the ratio of radius to distance), so that both optima are found
+with the true rim X and the estimated rim X'. Neither is sampled here: a rim is a short Fourier series in t (one
+harmonic in space, a few in its image, which fall off like the ratio of radius to distance), so both optima are exact up
 to rounding. T. Hodan et al., BOP Challenge 2020 on 6D object localization, ECCV Workshops 2020, section 2.2.
 """
 
@@ -23,18 +23,19 @@ from roundel.scenes.geometry.pose import minimal_rotation
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Points of the rim from which the series of its image is taken. A circle one diameter away and tilted by 60 degrees has
-# harmonics that fall off by 0.23 each: at the 15th, 3e-10 is left.
+# Number of rim points that determine the series of its image. For a circle one diameter away and tilted by 60 degrees,
+# harmonics fall off by 0.23 each: the 15th is 3e-10.
 _POINTS = 32
-_NEGLIGIBLE = 1e-12  # of the largest coefficient: harmonics below it are left out
-# A rim within this fraction of its radius has its best turn within about that angle of none, and the largest distance
-# is convex there: each point's is a sinusoid of the turn, within an eighth of a turn of its own least. Farther off,
-# turns all round are tried first; the least is then found, or missed by what half a step moves a rim, 0.13 radii.
+_NEGLIGIBLE = 1e-12  # fraction of the largest coefficient: smaller harmonics are left out
+# If the rims differ by less than this fraction of the radius, the best rotation is within about that angle of zero, and
+# the largest distance is convex there: each point's distance is a sinusoid of the rotation, within an eighth of a turn
+# of its minimum. Otherwise rotations over the full turn are tried first; the minimum is then found, or missed by the
+# effect of half a step on a rim, 0.13 radii.
 _NEAR = 0.35
 _TURNS = 24
 _STEPS = 60
-_GOOD = 1e-11  # of the squared distance
-_ROWS = 4096  # at once: some tens of megabytes
+_GOOD = 1e-11  # relative accuracy of the squared distance
+_ROWS = 4096  # rows at once: some tens of megabytes
 
 
 def mssd_m(camera_from_marker: ArrayLike, normal: ArrayLike, centre_m: ArrayLike, radius_m: ArrayLike) -> Array:
@@ -51,8 +52,8 @@ def mssd_m(camera_from_marker: ArrayLike, normal: ArrayLike, centre_m: ArrayLike
     Returns
     -------
     (...) array
-        Metres; NaN where any input is. With a right centre it is 2 R sin(theta / 2) for an error theta of the normal;
-        with a right normal it is the error of the centre.
+        Metres; NaN if any input is NaN. With an exact centre it is 2 R sin(theta / 2) for an error theta of the normal;
+        with an exact normal it is the error of the centre.
     """
     pose, n, c, radius = _broadcast(camera_from_marker, normal, centre_m, radius_m)
     axes = pose[..., :3, :2], _carried_axes(pose, n)
@@ -67,14 +68,14 @@ def mssd_m(camera_from_marker: ArrayLike, normal: ArrayLike, centre_m: ArrayLike
 def mspd_px(
     camera_from_marker: ArrayLike, camera: Camera, normal: ArrayLike, centre_m: ArrayLike, radius_m: ArrayLike
 ) -> Array:
-    """Maximum symmetry-aware projection distance of a disc, both poses seen by one camera.
+    """Maximum symmetry-aware projection distance of a disc, with both poses projected by one camera.
 
     Parameters
     ----------
     camera_from_marker : (..., 4, 4) array_like
         True pose.
     camera : Camera
-        The camera that took the image, for the estimate as for the truth, as BOP does it; with its distortion.
+        The camera that took the image, with its distortion; used for both estimate and truth, as in BOP.
     normal, centre_m : (..., 3) array_like
         Estimated pose.
     radius_m : (...) array_like
@@ -82,7 +83,7 @@ def mspd_px(
     Returns
     -------
     (...) array
-        Pixels of the delivered image; NaN where a point of either rim has no image.
+        Pixels of the delivered image; NaN if a point of either rim has no image.
     """
     pose, n, c, radius = _broadcast(camera_from_marker, normal, centre_m, radius_m)
     t = np.arange(_POINTS) * (2 * np.pi / _POINTS)
@@ -92,7 +93,7 @@ def mspd_px(
         rim = centre[..., None, :] + radius[..., None, None] * np.swapaxes(axes @ circle, -1, -2)
         xy = project(camera, rim)
         images.append(xy[..., 0] + 1j * xy[..., 1])
-    # Both about one point near them: differences of thousands of pixels would cost their digits.
+    # Both are relative to a point near them, to keep the digits of differences of large coordinates.
     middle = images[0].mean(axis=-1, keepdims=True)
     true, estimate = (_series(image - middle)[..., None, :] for image in images)
     return _least_farthest(estimate, true)
@@ -114,7 +115,7 @@ def _broadcast(
 
 
 def _carried_axes(pose: Array, normal: Array) -> Array:
-    """Two axes (..., 3, 2) of the estimated plane, right-handed with its normal; any do, as every turn is tried."""
+    """Two axes (..., 3, 2) of the estimated plane, right-handed with its normal; their rotation does not matter."""
     true = pose[..., :3, 2]
     opposite = np.sum(true * normal, axis=-1) < -1 + 1e-9
     axes = minimal_rotation(true, np.where(opposite[..., None], true, normal)) @ pose[..., :3, :2]
@@ -124,14 +125,14 @@ def _carried_axes(pose: Array, normal: Array) -> Array:
 
 
 def _series(curve: Complex) -> Complex:
-    """Fourier coefficients -K..K of a closed curve from its points, and no more of them than it has."""
+    """Fourier coefficients -K..K of a closed curve from its points, without negligible ones."""
     half = _POINTS // 2 - 1
     whole = np.fft.fft(curve, axis=-1) / _POINTS
     return np.asarray(np.concatenate([whole[..., -half:], whole[..., : half + 1]], axis=-1))
 
 
 def _least_farthest(estimate: Complex, true: Complex) -> Array:
-    """The metric of two curves (..., parts, 2 K + 1), given by their coefficients."""
+    """The metric for two curves (..., parts, 2 K + 1) given by their coefficients."""
     shape = true.shape[:-2]
     e, s = (a.reshape(-1, *a.shape[-2:]) for a in (estimate, true))
     known = np.isfinite(e).all(axis=(1, 2)) & np.isfinite(s).all(axis=(1, 2))
@@ -164,7 +165,7 @@ def _least_of_rows(estimate: Complex, true: Complex) -> Array:
         turns = np.arange(_TURNS) * (2 * np.pi / _TURNS)
         tried = [_farthest(estimate[far], true[far], np.full(len(far), turn), k, t)[0] for turn in turns]
         phi[far], reach[far] = turns[np.argmin(tried, axis=0)], turns[1]
-    # Bracket of the least: place, value, slope and curvature at either end; an end not yet visited has value -inf.
+    # Bracket of the minimum: position, value, slope and curvature at both ends; an unvisited end has value -inf.
     low, high = (np.stack([phi + d * reach, 0 * phi - np.inf, 0 * phi + d, 0 * phi]) for d in (-1.0, 1.0))
     least, before, rows = np.full(len(true), np.inf), np.zeros(len(true)), np.arange(len(true))
     for _ in range(_STEPS):
@@ -172,10 +173,10 @@ def _least_of_rows(estimate: Complex, true: Complex) -> Array:
         least[rows] = np.minimum(least[rows], here[1])
         side = np.where(here[2] < 0, -1.0, 1.0)
         low, high = np.where(side < 0, here, low), np.where(side < 0, high, here)
-        # Twice on one side: the model of the other end is too far off to be asked again.
+        # Two steps on the same side: the model of the other end is too inaccurate to use again.
         twice = side == before
         before = np.where(twice, 0.0, side)
-        # Between its ends a convex function lies above both tangents.
+        # Between its ends a convex function is above both tangents.
         cross = (high[1] - low[1] + low[2] * low[0] - high[2] * high[0]) / (low[2] - high[2])
         with np.errstate(invalid="ignore"):
             bottom = low[1] + low[2] * (cross - low[0])
@@ -188,7 +189,7 @@ def _least_of_rows(estimate: Complex, true: Complex) -> Array:
 
 
 def _least_of_model(low: Array, high: Array) -> Array:
-    """Where the larger of two parabolas is least, each through one end of the bracket."""
+    """Minimiser of the maximum of two parabolas, each through one end of the bracket."""
     a, b = low[0], high[0]
     for _ in range(30):
         x = 0.5 * (a + b)
@@ -206,18 +207,18 @@ def _size2(points: Complex) -> Array:
 
 
 def _farthest(estimate: Complex, true: Complex, phi: Array, k: NDArray[Any], t: Array) -> tuple[Array, Array, Array]:
-    """Largest squared distance at turn `phi` of each row, its slope and its curvature in phi."""
+    """Largest squared distance at rotation `phi` of each row, with its slope and curvature in phi."""
     turned = true * np.exp(1j * phi[:, None] * k)[:, None, :]
     gap = estimate - turned
     modes = gap.shape[-1]
-    # The squared distance is a series in t, too: its coefficients are the autocorrelation of the gap's.
+    # The squared distance is also a series in t: its coefficients are the autocorrelation of those of the gap.
     power = np.stack(
         [np.sum(gap[..., m:] * gap[..., : modes - m].conj(), axis=(1, 2)) * (2 if m else 1) for m in range(modes)]
     )
     order = np.arange(modes)[:, None]
     sampled = (power.T @ np.exp(1j * order * t)).real
     first = np.argmax(sampled, axis=1)
-    # It has two maxima, hardly ever more: the best sample, and the best one apart from it.
+    # It has two maxima, rarely more: the best sample, and the best one separated from it.
     apart = np.abs((np.arange(len(t)) - first[:, None] + len(t) // 2) % len(t) - len(t) // 2) > 2
     second = np.argmax(np.where(apart, sampled, -1.0), axis=1)
     best, place = np.full(len(gap), -1.0), t[first]
@@ -234,9 +235,9 @@ def _farthest(estimate: Complex, true: Complex, phi: Array, k: NDArray[Any], t: 
     wave = np.exp(1j * place[:, None] * k)
     v, v1, v2 = (np.einsum("rpk,rk->rp", gap, wave * (1j * k) ** n) for n in range(3))
     w1, w2 = (np.einsum("rpk,rk->rp", turned, wave * (1j * k) ** n) for n in (1, 2))
-    # From the gap itself: the series of its square has lost half of the digits of what is small.
+    # Computed from the gap itself, because the series of its square loses half of the digits of small values.
     value = _dot(v, v)
-    # Half the derivatives of |v|^2 in t and phi; the place of the maximum moves with phi.
+    # Half the derivatives of |v|^2 in t and phi; the position of the maximum moves with phi.
     tt, tf, ff = _dot(v1, v1) + _dot(v, v2), -_dot(v1, w1) - _dot(v, w2), _dot(w1, w1) - _dot(v, w2)
     curvature = ff - np.where(tt < 0, tf * tf / np.where(tt < 0, tt, -1.0), 0.0)
     return value, -2.0 * _dot(v, w1), 2 * np.maximum(curvature, 0.0)

@@ -1,7 +1,7 @@
 """Cramer-Rao bounds of each frame's errors, computed from the truth.
 
-Images: the information of all pixels near the edge, each with the noise of its own level; the two grey levels and the
-blur are unknown (`scenes.information`). Points: that of a contour of so many points with so much noise.
+Images: the information of all pixels near the edge, each with the noise of its level; the two grey levels and the blur
+are unknown (`scenes.information`). Points: the information of a contour with the given number of points and noise.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from roundel.validate.metrics.ground_truth import Targets, columns_of
 
 Array = NDArray[np.float64]
 
-# Grey levels are known from this far round the edge; from 6 px on it matters by less than a tenth.
+# Width of the band around the edge that determines the grey levels; beyond 6 px it matters by less than a tenth.
 _REACH_PX = 8.0
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds, row by row as the targets; NaN where the truth does not tell (no noise, no contrast, seen on edge).
+    """Bounds, row by row as the targets; NaN if undefined (no noise, no contrast, viewed edge-on).
 
     Attributes
     ----------
     normal_deg, position_m, ellipse_centre_px : (N,) arrays
-        RMS of the angle, of the distance, and of the distance between ellipse centres.
+        Bounds of the RMS of the angle, of the distance, and of the distance between ellipse centres.
     information : (N, 5, 5) array
-        Of rotation about the marker's X and Y axes (rad) and of the centre (m).
+        Fisher information of the rotation about the marker's X and Y axes (rad) and of the centre (m).
     """
 
     normal_deg: Array
@@ -48,14 +48,14 @@ class Bounds:
     information: Array
 
     def take(self, rows: NDArray[np.int64]) -> Bounds:
-        """Some of the rows."""
+        """The selected rows."""
         return Bounds(
             self.normal_deg[rows], self.position_m[rows], self.ellipse_centre_px[rows], self.information[rows]
         )
 
 
 def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
-    """Bounds of every target, with its true camera known."""
+    """Bounds of every target, for a known true camera."""
     n = len(targets)
     points, edges = _points(dataset, targets), _edges(dataset, targets)
     normal, position, centre = (np.full(n, np.nan) for _ in range(3))
@@ -65,7 +65,7 @@ def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
         try:
             if np.isfinite(points[i]).all():
                 information[i] = contour_information(pose, radius, k, points[i, 0], points[i, 1])
-                # sqrt(2 / N) sigma for either coordinate (errata, section 6); an ellipse's is within 10 %.
+                # sqrt(2 / N) sigma for each coordinate (errata, section 6); for an ellipse this is within 10 %.
                 centre[i] = 2.0 * points[i, 0] / math.sqrt(points[i, 1])
             elif np.isfinite(edges[i]).all() and edges[i, 4] > 0:
                 contrast, blur, dark, light, visible = edges[i].tolist()
@@ -74,7 +74,7 @@ def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
                 )
                 information[i] = pose_information_of_shape(shape, pose, radius, k)
                 centre[i] = math.sqrt(np.trace(np.linalg.inv(shape)[:2, :2]))
-        except (ValueError, np.linalg.LinAlgError):  # seen on edge, no contrast, no noise: no bound
+        except (ValueError, np.linalg.LinAlgError):  # edge-on, no contrast, no noise: no bound
             continue
         bound = pose_bound(information[i])
         if math.isfinite(bound.normal_deg):
@@ -87,7 +87,7 @@ def _edges(dataset: Dataset, targets: Targets) -> Array:
     names = ["edge_contrast_dn", "edge_noise_dn", "edge_blur_px", "visible_fraction"]
     contrast, noise, blur, visible = columns_of(targets.truth, names).T
     slope = _shot_slope(dataset, targets)
-    # The truth has the RMS of both sides' noise; shot noise tells them apart, as its variance grows with the level.
+    # The truth has the RMS of both sides' noise; it is split by the shot noise, whose variance grows with the level.
     with np.errstate(invalid="ignore"):
         apart = np.minimum(slope * contrast / 2, 0.99 * noise**2)
         blur = np.sqrt(np.maximum(blur**2 - PIXEL_VARIANCE, 0.0))
@@ -95,7 +95,7 @@ def _edges(dataset: Dataset, targets: Targets) -> Array:
 
 
 def _shot_slope(dataset: Dataset, targets: Targets) -> Array:
-    """Variance of shot noise over level, DN, of each target's frame; 0 where the curve is not linear or not known."""
+    """Variance of shot noise over level, DN, of each target's frame; 0 if the response is not linear or unknown."""
     of_frame = {}
     for frame_id, record in zip(dataset.images.frame_ids, dataset.images.records, strict=True):
         sensor: dict[str, Any] = record.get("sensor") or {}
@@ -105,7 +105,7 @@ def _shot_slope(dataset: Dataset, targets: Targets) -> Array:
 
 
 def _points(dataset: Dataset, targets: Targets) -> Array:
-    """Standard deviation of an edge point, px, and how many there are: (N, 2), NaN where the frame is an image."""
+    """Standard deviation of an edge point, px, and number of points: (N, 2), NaN if the frame is an image."""
     out = np.full((len(targets), 2), np.nan)
     group = np.array(targets.truth["group"].to_pylist(), dtype=object)
     groups: dict[str, Any] = dataset.study.get("groups") or {}

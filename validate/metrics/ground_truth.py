@@ -17,7 +17,7 @@ from roundel.validate.metrics.sweeps import with_sweep
 
 Array = NDArray[np.float64]
 
-# Points of the contour that are compared: over 64 of the 256 the mean differs by less than 1e-3 of itself.
+# Number of contour points that are compared: with 64 of the 256 the mean changes by less than 1e-3 of itself.
 CONTOUR_POINTS = 64
 
 
@@ -29,11 +29,11 @@ class Targets:
     ----------
     frame_id, marker_id : (N,) int arrays
     camera_from_marker : (N, 4, 4) array
-        NaN where there is no reference.
+        NaN without a reference.
     diameter_m : (N,) array
         NaN for boards.
     extent_m : (N,) array
-        Half the side of the grid of the reprojection error.
+        Half side of the grid of the reprojection error.
     camera : (N,) int array
         Index into `cameras`.
     cameras : list of Camera
@@ -42,9 +42,9 @@ class Targets:
     contour_px : (N, n, 2) array
         In the delivered image.
     other_normal : (N, 3) array
-        Normal of the second pose with the same image.
+        Normal of the other pose with the same image.
     truth : pyarrow.Table
-        The rows of truth.parquet, in this order, and where they stand in a sweep (`sweep_level`, `sweep_frame`).
+        The rows of truth.parquet, in this order, with their position in a sweep (`sweep_level`, `sweep_frame`).
     """
 
     frame_id: NDArray[np.int64]
@@ -64,11 +64,11 @@ class Targets:
 
     @property
     def placed(self) -> NDArray[np.bool_]:
-        """(N,) array: which have a reference pose."""
+        """(N,) array: which rows have a reference pose."""
         return np.asarray(np.isfinite(self.camera_from_marker).all(axis=(1, 2)))
 
     def take(self, rows: NDArray[np.int64]) -> Targets:
-        """Some of the rows."""
+        """The selected rows."""
         return replace(
             self,
             frame_id=self.frame_id[rows],
@@ -90,7 +90,7 @@ def columns_of(table: pa.Table, names: list[str]) -> Array:
     Raises
     ------
     DataError
-        If one is missing.
+        If a column is missing.
     """
     missing = [name for name in names if name not in table.column_names]
     if missing:
@@ -136,7 +136,7 @@ def true_targets(dataset: Dataset, extent_D: float) -> Targets:
     Raises
     ------
     DataError
-        If the truth lacks a column, or speaks of frames that the dataset does not have.
+        If the truth lacks a column, or has frames that the dataset does not have.
     """
     circular = np.isfinite(columns_of(dataset.truth, ["radius_m"])[:, 0])
     truth = with_sweep(dataset, _in_order(dataset.truth.filter(pa.array(circular))))
@@ -172,15 +172,15 @@ def _contours(truth: pa.Table) -> Array:
 
 
 def board_targets(targets: Targets, camera_from_marker: Array, camera: Camera | None) -> Targets:
-    """The same circles, placed by a chessboard and seen by the camera that placed it.
+    """The same circles with poses from a chessboard, and the camera used for them.
 
     Parameters
     ----------
     targets : Targets
     camera_from_marker : (N, 4, 4) array
-        Poses derived from the board's; NaN where it was not found.
+        Poses derived from those of the board; NaN if it was not found.
     camera : Camera or None
-        The intrinsics of the reference; each target's own camera where None.
+        The intrinsics of the reference; if None, each target's own camera.
     """
     if camera is not None:
         targets = replace(targets, camera=np.zeros(len(targets), dtype=np.int64), cameras=[camera])

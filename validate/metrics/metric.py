@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Raised when a definition changes: scores of different versions are not compared.
+# Incremented when a definition changes; scores of different versions are not compared.
 METRIC_VERSION = 3
 
 
 @dataclass(frozen=True)
 class Metric:
-    """What a number is: its column, its name for people, unit, frame, definition, source, bound.
+    """A metric: its column, displayed name, unit, frame, definition, source and bound.
 
     Attributes
     ----------
     column : str
-        Of scores.parquet. A metric of a pose has a second column, `oracle_` before the name, for the candidate nearer
-        to the truth.
+        Column of scores.parquet. A metric of a pose has a second column with the prefix `oracle_`, for the candidate
+        nearer to the truth.
     title, unit : str
-        For people.
+        Displayed name and unit.
     frame, definition, source : str
-        In which frame it is measured, its formula in words, and where that comes from.
+        The frame in which it is measured, its definition, and the source of the definition.
     of : {"pose", "ellipse"}
-        What is measured; both candidates share the ellipse.
+        The measured object; both candidates share the ellipse.
     signed : bool
         Whether it may be negative.
     shown_unit, shown_scale : str, float
-        Where people read it in another unit than the column's: that unit, and its number in one of the column's.
+        The displayed unit, if it differs from the column's, and the number of them in one unit of the column.
     bound, bound_per, bound_scale : str, str, float
-        Column of the frame's Cramer-Rao bound, the column it is divided by, and a factor; empty where there is none.
+        Column of the frame's Cramer-Rao bound, the column it is divided by, and a factor; empty if there is none.
     """
 
     column: str
@@ -64,12 +64,12 @@ class Metric:
 
     @property
     def table_unit(self) -> str:
-        """Unit in which people read it."""
+        """Displayed unit."""
         return self.shown_unit or self.unit
 
     @property
     def table_column(self) -> str:
-        """Name of the column in the unit in which people read it."""
+        """Name of the column in the displayed unit."""
         return re.sub(rf"_{self.unit}$", f"_{self.shown_unit}", self.column) if self.shown_unit else self.column
 
     @property
@@ -84,27 +84,27 @@ class Metric:
 
     @property
     def short_label(self) -> str:
-        """Label of a column of a terminal."""
+        """Label of a column in the terminal."""
         return f"{self.words} {self.unit.split()[0]}"
 
     @property
     def suffix(self) -> str:
-        """The unit as it stands behind a number."""
+        """The unit as written after a number."""
         return {"deg": "\N{DEGREE SIGN}", "% of distance": " %"}.get(self.unit, f" {self.unit}")
 
     def values(self, table: pa.Table, which: str = "oracle") -> Array:
-        """(n,) values in `unit`, NaN where there are none; `which` is `oracle` or `chosen`."""
+        """(n,) values in `unit`, NaN if missing; `which` is `oracle` or `chosen`."""
         return column(table, self.oracle if which == "oracle" else self.column)
 
     def bounds(self, table: pa.Table) -> Array:
-        """(n,) Cramer-Rao bounds in `unit`; NaN where there are none."""
+        """(n,) Cramer-Rao bounds in `unit`; NaN if missing."""
         if not self.bound:
             return np.full(table.num_rows, np.nan)
         bound = self.bound_scale * column(table, self.bound)
         return bound / column(table, self.bound_per) if self.bound_per else bound
 
     def over_bound(self, table: pa.Table) -> Array:
-        """(n,) values of the better candidate over their bounds; NaN where there is no positive bound."""
+        """(n,) values of the better candidate over their bounds; NaN without a positive bound."""
         values, bound = self.values(table), self.bounds(table)
         return np.asarray(np.divide(values, bound, out=np.full(len(values), np.nan), where=bound > 0))
 
@@ -141,7 +141,7 @@ POSITION_D = Metric(
     "Position",
     "D",
     "camera",
-    "The same, in marker diameters.",
+    "The position error in marker diameters.",
     _PAPER,
 )
 POSITION = Metric(
@@ -149,7 +149,7 @@ POSITION = Metric(
     "Position",
     "% of distance",
     "camera",
-    "The same, in percent of the true distance.",
+    "The position error in percent of the true distance.",
     _OWN,
     bound="position_bound_m",
     bound_per="distance_m",
@@ -160,7 +160,7 @@ ALONG_RAY = Metric(
     "Along the ray",
     "m",
     "true ray",
-    "Signed part of it along the true ray; positive: too far.",
+    "Signed component of the position error along the true ray; positive: too far.",
     _OWN,
     signed=True,
     shown_unit="mm",
@@ -171,7 +171,7 @@ ACROSS_RAY = Metric(
     "Across the ray",
     "m",
     "true ray",
-    "Length of the part of it across the true ray.",
+    "Length of the component of the position error perpendicular to the true ray.",
     _OWN,
 )
 REPROJECTION = Metric(
@@ -180,7 +180,7 @@ REPROJECTION = Metric(
     "px",
     "delivered image",
     "Mean over a 3x3 grid in the marker's plane of the distance between its true image and the image of the "
-    "estimated grid through the intrinsics that the estimate used; in-plane rotation by the minimal rotation.",
+    "estimated grid with the intrinsics used by the estimate; in-plane rotation by the minimal rotation.",
     _PAPER,
 )
 CENTRE_IMAGE = Metric(
@@ -188,8 +188,8 @@ CENTRE_IMAGE = Metric(
     "Centre's image",
     "px",
     "delivered image",
-    "Distance between the image of the circle's centre and that of the estimated one through the intrinsics that "
-    "the estimate used; of a method without poses, the point that it gives.",
+    "Distance between the image of the true circle's centre and that of the estimated centre with the intrinsics "
+    "used by the estimate; for a method without poses, the point that it gives.",
     _OWN,
 )
 POSE = Metric(
@@ -197,8 +197,8 @@ POSE = Metric(
     "Pose",
     "bounds",
     "true marker",
-    "sqrt(e^T F e / 5): e holds the rotation about the marker's X and Y axes from the true normal to the estimated "
-    "one and the error of the centre, F is the frame's Fisher information; about 1 for an efficient method.",
+    "sqrt(e^T F e / 5): e consists of the rotation about the marker's X and Y axes from the true to the estimated "
+    "normal and the error of the centre, F is the frame's Fisher information; about 1 for an efficient method.",
     "Mahalanobis 1936; F as in scenes/geometry/information.py",
 )
 MSSD = Metric(
@@ -207,7 +207,7 @@ MSSD = Metric(
     "m",
     "camera",
     "Maximum symmetry-aware surface distance: the largest distance between corresponding points of the true and "
-    "the estimated rim, at the turn about the disc's normal that makes it least.",
+    "the estimated rim, at the rotation about the disc's normal that minimises it.",
     _BOP,
 )
 MSPD = Metric(
@@ -215,8 +215,8 @@ MSPD = Metric(
     "MSPD",
     "px",
     "delivered image",
-    "Maximum symmetry-aware projection distance: the same in the image, both rims seen by the true camera, "
-    "whatever intrinsics the estimate used.",
+    "Maximum symmetry-aware projection distance: the same in the image, with both rims projected by the true "
+    "camera, whatever intrinsics the estimate used.",
     _BOP,
 )
 ELLIPSE_CENTRE = Metric(
@@ -234,7 +234,7 @@ CONTOUR = Metric(
     "Contour",
     "px",
     "delivered image",
-    "Mean distance from the true contour to its nearest point on the estimated ellipse.",
+    "Mean distance from the true contour to the nearest point on the estimated ellipse.",
     _OWN,
     of="ellipse",
     bound="ellipse_centre_bound_px",
@@ -255,7 +255,7 @@ METRICS: tuple[Metric, ...] = (
     CONTOUR,
 )
 
-# The shift of the ellipse's centre, which the gate watches: a convention that slips by half a pixel shows here.
+# The shift of the ellipse's centre, which the gate checks: it shows a convention that is off by half a pixel.
 SHIFT_X, SHIFT_Y = (
     Metric(
         f"ellipse_centre_{axis}_error_px",
@@ -270,9 +270,9 @@ SHIFT_X, SHIFT_Y = (
     for axis in ("x", "y")
 )
 
-# What a page leads with: one error of each kind, lengths in percent of the distance.
+# The headline errors of a page: one of each kind, lengths in percent of the distance.
 HEADLINE: tuple[Metric, ...] = (NORMAL, POSITION, REPROJECTION)
-# The paper's figures, whose unit of length is the marker's diameter.
+# The errors of the paper's figures, whose unit of length is the marker's diameter.
 PAPER: tuple[Metric, ...] = (NORMAL, POSITION_D, REPROJECTION)
 
 POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "pose")

@@ -1,8 +1,8 @@
 """Errors of a pose and of an ellipse.
 
-All are vectorised over frames (leading axes `...`) and say nothing about which candidate they are given.
-Where an error is a length in the image, both sides are carried to the *delivered image* first, each through its own
-camera: that is where someone would draw on the photograph, and the only plane that two cameras share.
+All functions are vectorised over frames (leading axes `...`) and accept any candidate. For errors that are lengths in
+the image, both sides are first projected to the *delivered image*, each with its own camera: an application draws on
+that image, and it is the only plane that two cameras share.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def normal_error_deg(a: ArrayLike, b: ArrayLike) -> Array:
     Returns
     -------
     (...) array
-        Degrees in [0, 180], by `atan2(|a x b|, a . b)`: acos would return 0 below 1e-8 rad.
+        Degrees in [0, 180], by `atan2(|a x b|, a . b)`, because acos returns 0 below 1e-8 rad.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def normal_error_deg(a: ArrayLike, b: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class PositionErrors:
-    """Errors of position, each (...): whole, in two relative units, and in parts by the true ray."""
+    """Errors of position, each (...): total, in two relative units, and by components relative to the true ray."""
 
     absolute_m: Array
     in_D: Array
@@ -62,13 +62,13 @@ def position_errors(estimate_m: ArrayLike, truth_m: ArrayLike, diameter_m: Array
     estimate_m, truth_m : (..., 3) array_like
         Centres in the camera frame, metres.
     diameter_m : (...) array_like
-        NaN where the marker has none.
+        NaN if the marker has none.
 
     Returns
     -------
     PositionErrors
         The paper's position error is `in_D` (errata, section 5, verdict 2: in percent, a wrong focal length gives a
-        constant). `along_ray_m` is signed, positive when the estimate is too far.
+        constant). `along_ray_m` is signed, positive if the estimate is too far.
     """
     truth = np.asarray(truth_m, dtype=np.float64)
     error = np.asarray(estimate_m, dtype=np.float64) - truth
@@ -105,28 +105,28 @@ def reprojection_error_px(
     normal, centre_m : (..., 3) array_like
         Estimated pose.
     camera_used : Camera
-        The intrinsics with which the pose was estimated, right or wrong. Projecting with the true ones would ask a
-        question that nobody without a calibration can ask (errata, section 5, verdict 3).
+        The intrinsics with which the pose was estimated, right or wrong. A projection with the true ones would not
+        describe the situation of a user without a calibration (errata, section 5, verdict 3).
     extent_m : (...) array_like
-        Half the side of the grid; 3 diameters unless said.
+        Half side of the grid; default 3 diameters.
 
     Returns
     -------
     (...) array
-        Pixels of the delivered image: true points go through the true camera's distortion, estimated points through
-        that of the camera used, which for default intrinsics is none. NaN where a point of either grid is not in
-        front of its camera.
+        Pixels of the delivered image: true points are projected with the true camera's distortion, estimated points
+        with that of the camera used (none for default intrinsics). NaN if a point of either grid is not in front of its
+        camera.
 
     Notes
     -----
-    The in-plane rotation of a plain circle is unobservable. The true grid is carried to the estimated plane by the
+    The in-plane rotation of a plain circle is unobservable. The true grid is moved to the estimated plane by the
     minimal rotation between the normals, about the centre; the paper's beta = 0 gives the same within 1 % (errata).
     """
     pose = np.asarray(camera_from_marker, dtype=np.float64)
     n, c = np.asarray(normal, dtype=np.float64), np.asarray(centre_m, dtype=np.float64)
     flat = np.asarray(extent_m, dtype=np.float64)[..., None, None] * _GRID
     offsets = flat[..., :1] * pose[..., None, :3, 0] + flat[..., 1:] * pose[..., None, :3, 1]
-    # Opposite normals have no minimal rotation; such a pair gets no number rather than stopping the others.
+    # Opposite normals have no minimal rotation; such a pair gets NaN instead of an error for all.
     opposite = np.sum(n * pose[..., :3, 2], axis=-1) < -1 + 1e-9
     rotation = minimal_rotation(pose[..., :3, 2], np.where(opposite[..., None], pose[..., :3, 2], n))
     carried = offsets @ np.swapaxes(rotation, -1, -2)
@@ -139,7 +139,7 @@ def reprojection_error_px(
 def pose_error_bounds(
     camera_from_marker: ArrayLike, normal: ArrayLike, centre_m: ArrayLike, information: ArrayLike
 ) -> Array:
-    """Length of a pose's error in units of its own Cramer-Rao bound: sqrt(e^T F e / 5).
+    """Length of a pose's error in units of its Cramer-Rao bound: sqrt(e^T F e / 5).
 
     Parameters
     ----------
@@ -148,27 +148,27 @@ def pose_error_bounds(
     normal, centre_m : (..., 3) array_like
         Estimated pose.
     information : (..., 5, 5) array_like
-        Fisher information F at the true pose, as `scenes.information.contour_information` returns it: rotation about
-        the marker's X and Y axes (rad), centre (m) in the camera frame.
+        Fisher information F at the true pose, from `scenes.information.contour_information`: rotation about the
+        marker's X and Y axes (rad), centre (m) in the camera frame.
 
     Returns
     -------
     (...) array
-        Dimensionless. e^T F e is a chi-square of 5 degrees for an efficient method, so that the RMS is 1. NaN where F
-        is.
+        Dimensionless. For an efficient method, e^T F e is chi-square with 5 degrees of freedom, so the RMS is 1. NaN if
+        F is NaN.
 
     Notes
     -----
-    e is the error in the parameters of F: the rotation vector of the minimal rotation between the normals has no part
-    about the marker's Z, and the in-plane rotation of a circle is not seen. The normal and the position of a circle are
-    correlated (a tilt looks like a shift): the one number says what the two errors alone do not.
+    e is the error in the parameters of F: the rotation vector of the minimal rotation between the normals has no
+    component along the marker's Z, and the in-plane rotation of a circle is unobservable. The normal and the position
+    of a circle are correlated (a tilt looks like a shift), which this number includes and the two errors do not.
     """
     pose = np.asarray(camera_from_marker, dtype=np.float64)
     true_normal = pose[..., :3, 2]
     cross = np.cross(true_normal, np.asarray(normal, dtype=np.float64))
     sine = np.linalg.norm(cross, axis=-1)
     angle = np.arctan2(sine, np.sum(true_normal * np.asarray(normal, dtype=np.float64), axis=-1))
-    # Opposite normals are half a turn apart about any axis of the plane; X stands for it.
+    # Opposite normals are half a turn apart about any axis of the plane; X is used.
     axis = np.where(sine[..., None] > 0, cross / np.where(sine > 0, sine, 1.0)[..., None], pose[..., :3, 0])
     turn = angle[..., None] * axis
     about = [np.sum(turn * pose[..., :3, i], axis=-1) for i in (0, 1)]
@@ -183,8 +183,8 @@ def ellipse_centre_offset_px(
 ) -> Array:
     """From the centre of the true ellipse to that of the estimated one, (..., 2), in pixels of the delivered image.
 
-    Each ellipse (..., 5) is given in the undistorted pixel coordinates of its own camera. The centre of the ellipse is
-    not the image of the circle's centre: this is an error of detection, and is compared with the true ellipse's centre.
+    Each ellipse (..., 5) is in the undistorted pixel coordinates of its own camera. The centre of the ellipse is not
+    the image of the circle's centre: this is a detection error, relative to the true ellipse's centre.
     """
     a = distort_px(camera_true, np.asarray(ellipse_true, dtype=np.float64)[..., :2])
     b = distort_px(camera_used, np.asarray(ellipse, dtype=np.float64)[..., :2])
@@ -205,12 +205,12 @@ def contour_error_px(contour_px: ArrayLike, ellipse: ArrayLike, camera_used: Cam
     Returns
     -------
     (...) array
-        NaN where no point of the contour is finite.
+        NaN if no point of the contour is finite.
 
     Notes
     -----
-    The nearest point is sought in undistorted coordinates and the distance measured in the image: over the few pixels
-    that an error is long, distortion is a similarity, and the difference is of second order.
+    The nearest point is found in undistorted coordinates and the distance measured in the image: over the few pixels of
+    an error, distortion is a similarity, and the difference is of second order.
     """
     contour = np.asarray(contour_px, dtype=np.float64)
     foot = distort_px(camera_used, _nearest_on_ellipse(undistort_px(camera_used, contour), ellipse))
@@ -229,7 +229,7 @@ def contour_of_ellipse_px(ellipse: ArrayLike, camera_used: Camera, count: int = 
 def _nearest_on_ellipse(points: Array, ellipse: ArrayLike) -> Array:
     """Nearest point (..., n, 2) of an ellipse (..., 5) to each of points (..., n, 2).
 
-    The ellipse is replaced by its circle of curvature at the current foot, again and again. Five steps reach 1e-9 of
+    The ellipse is repeatedly replaced by its circle of curvature at the current foot point. Five steps reach 1e-9 of
     the major axis from outside: at a ratio of axes up to 2 from three axes away, up to 10 from 2 % of the axis away.
     """
     e = np.asarray(ellipse, dtype=np.float64)[..., None, :]
@@ -244,7 +244,7 @@ def _nearest_on_ellipse(points: Array, ellipse: ArrayLike) -> Array:
     s, t = np.where(length > 0, p * b / safe, 1.0), np.where(length > 0, q * a / safe, 0.0)
     excess = a * a - b * b
     for _ in range(5):
-        # Centre of curvature, and from it the point's direction laid off with the radius of curvature.
+        # From the centre of curvature, one radius of curvature in the direction of the point.
         cx, cy = excess * s**3 / a, -excess * t**3 / b
         radius = np.hypot(a * s - cx, b * t - cy)
         away = np.hypot(p - cx, q - cy)

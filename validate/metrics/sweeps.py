@@ -25,12 +25,12 @@ def _sweeps(dataset: Dataset) -> dict[str, dict[str, Any]]:
 def sweep_positions(dataset: Dataset) -> dict[int, tuple[float | None, int]]:
     """(level, position within the level) of each frame; the level is None without a sweep.
 
-    A group's frames follow one another, level by level (`scenes.frame`), and a finished dataset has all of them.
+    A group's frames are consecutive, level by level (`scenes.frame`), and a finished dataset has all of them.
 
     Raises
     ------
     DataError
-        If a group's frames do not divide over its levels.
+        If the number of a group's frames is not a multiple of its levels.
     """
     frames: dict[str, list[int]] = {}
     for frame_id, group in zip(dataset.images.frame_ids, dataset.images.groups, strict=True):
@@ -41,7 +41,7 @@ def sweep_positions(dataset: Dataset) -> dict[int, tuple[float | None, int]]:
         levels: list[float | None] = list(sweeps[group]["levels"]) if group in sweeps else [None]
         if len(ids) % len(levels):
             raise DataError(
-                f"group {group} has {len(ids)} frames, which do not divide over the {len(levels)} levels of its sweep; "
+                f"group {group} has {len(ids)} frames, not a multiple of the {len(levels)} levels of its sweep; "
                 "render the dataset again"
             )
         count = len(ids) // len(levels)
@@ -57,7 +57,7 @@ def with_sweep(dataset: Dataset, truth: pa.Table) -> pa.Table:
     Raises
     ------
     DataError
-        If the truth speaks of frames that the dataset does not have.
+        If the truth has frames that the dataset does not have.
     """
     where = sweep_positions(dataset)
     frames = truth["frame_id"].to_pylist()

@@ -1,6 +1,6 @@
 """`roundel compare`: one page over several reports, paired by frame where they share a dataset.
 
-Nothing is compared that was measured differently: another metric version, another extent of the reprojection grid.
+Reports with different metric versions or different extents of the reprojection grid are not compared.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from roundel.validate.tables.table import NAME_LIMIT, Table, clean
 from roundel.validate.tables.writers import write_tables
 
 SCORES, SUMMARY, PAGE = "scores.parquet", "summary.json", "compare.html"
-# What is read of a report's scores.
+# The columns that are read from a report's scores.
 NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
 NAMES = ("results", "comparisons", "solved_by_one", "reports")
 
 
 @dataclass(frozen=True)
 class Report:
-    """A report read back: what it is called on the page, its summary and its scores."""
+    """A report read from disk: its label on the page, its summary and its scores."""
 
     label: str
     summary: Summary
@@ -49,7 +49,7 @@ class Report:
 
     @property
     def dataset_id(self) -> str:
-        """Identity of the scenes."""
+        """Identity of the dataset's scenes."""
         return str(self.summary.dataset["dataset_id"])
 
 
@@ -59,14 +59,14 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
     Parameters
     ----------
     paths : sequence of path
-        Folders that `roundel validate` wrote; the first is what the others are compared with.
+        Folders written by `roundel validate`; the others are compared with the first.
     out_path : path
-        A folder.
+        Output folder.
 
     Returns
     -------
     list of str
-        What was found, in sentences.
+        The findings, one sentence each.
 
     Raises
     ------
@@ -75,16 +75,16 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
     DataError
         If a report cannot be read, or its files do not belong together.
     NotComparableError
-        If their errors were measured differently.
+        If the errors were measured differently.
     """
     if len(paths) < 2:
-        raise UsageError("compare: give two or more reports; one alone has its own report.html")
+        raise UsageError("compare: give two or more reports; a single report is in its own report.html")
     out, folders = Path(out_path), [Path(path) for path in paths]
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out}: is a file; name a folder for the comparison")
+        raise UsageError(f"{out}: is a file; give a folder for the comparison")
     check_no_dataset(out)
     if out.resolve() in (folder.resolve() for folder in folders):
-        raise UsageError(f"{out}: is one of the reports; name another folder for the comparison")
+        raise UsageError(f"{out}: is one of the reports; give another folder for the comparison")
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise UsageError("compare: the same report is given twice")
     reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
@@ -114,36 +114,38 @@ def read_report(folder: Path, label: str) -> Report:
     Raises
     ------
     UsageError
-        If there is no report.
+        If the folder has no report.
     DataError
         If its files cannot be read or do not belong together.
     NotComparableError
-        If another version of Roundel wrote it in another form.
+        If another version of Roundel wrote it in another format.
     """
     if not (folder / SUMMARY).is_file() or not (folder / SCORES).is_file():
-        raise UsageError(f"{folder}: is no report; name a folder that `roundel validate` wrote")
+        raise UsageError(f"{folder}: is not a report; give a folder written by `roundel validate`")
     try:
         raw = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         data = (folder / SCORES).read_bytes()
         scores = pq.read_table(io.BytesIO(data))
     except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
-        raise DataError(f"{folder}: a file of this report is damaged; validate it anew") from error
+        raise DataError(f"{folder}: a file of this report is damaged; validate the dataset again") from error
     if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
-        raise NotComparableError(f"{folder}: written by another version of Roundel; validate it anew")
+        raise NotComparableError(f"{folder}: written by another version of Roundel; validate the dataset again")
     try:
         summary = Summary(**raw)
     except TypeError as error:
-        raise NotComparableError(f"{folder}: written by another version of Roundel; validate it anew") from error
+        raise NotComparableError(
+            f"{folder}: written by another version of Roundel; validate the dataset again"
+        ) from error
     if (summary.checksums or {}).get(SCORES) != sha256(data):
-        raise DataError(f"{folder}: {SCORES} is not the one that {SUMMARY} was made from; validate it anew")
+        raise DataError(f"{folder}: {SCORES} is not the file that {SUMMARY} was made from; validate the dataset again")
     missing = [name for name in NEEDED if name not in scores.column_names]
     if missing:
-        raise NotComparableError(f"{folder}: its scores have no {missing[0]}; validate it anew")
+        raise NotComparableError(f"{folder}: its scores have no column {missing[0]}; validate the dataset again")
     return Report(label, presentable_summary(summary), scores)
 
 
 def labels_of(folders: Sequence[Path]) -> list[str]:
-    """What each report is called: the end of its path, as long as it takes to tell them apart."""
+    """Labels of the reports: the shortest ends of their paths that differ."""
     parts = [folder.absolute().parts for folder in folders]
     for length in range(1, max(map(len, parts)) + 1):
         labels = ["/".join(part[-length:]) for part in parts]
@@ -158,19 +160,19 @@ def _check(reports: Sequence[Report], folders: Sequence[Path]) -> None:
         mine = report.summary
         if mine.metric_version != first.metric_version:
             raise NotComparableError(
-                f"{folder}: its metrics are of version {mine.metric_version}, those of {folders[0]} of version "
-                f"{first.metric_version}; validate both with one Roundel"
+                f"{folder}: its metrics have version {mine.metric_version}, those of {folders[0]} version "
+                f"{first.metric_version}; validate both with the same Roundel"
             )
         a, b = (s.settings["reprojection_extent_D"] for s in (first, mine))
         if a != b:
             raise NotComparableError(
-                f"{folder}: its reprojection reaches {b:g} D, that of {folders[0]} {a:g} D; validate both with one "
-                "--extent-D"
+                f"{folder}: its reprojection grid extends to {b:g} D, that of {folders[0]} to {a:g} D; validate both "
+                "with the same --extent-D"
             )
 
 
 def _pairs(reports: Sequence[Report], entries: Sequence[Sequence[Entry]]) -> list[Pair]:
-    """Each later report's runs with those of the first: the same method and intrinsics, or the only other method."""
+    """Pair runs with those of the first report: the same intrinsics, and the same method or the only one of each."""
     pairs = []
     methods = {entry.run["method"] for entry in entries[0]}
     for report, mine in zip(reports[1:], entries[1:], strict=True):
@@ -204,7 +206,7 @@ def _sources(reports: Sequence[Report]) -> Table:
         for r in reports
     ]  # fmt: skip
     heads = ("Report", "Study", "Frames", "Seed", "Dataset", "Images sha256", "Roundel", "Metrics", "Scores sha256")
-    return pairs_table("reports", "Reports", heads, rows, "Identities and checksums by their first twelve digits.")
+    return pairs_table("reports", "Reports", heads, rows, "The first twelve digits of each identity and checksum.")
 
 
 def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]:
@@ -213,17 +215,17 @@ def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]
     found = []
     if len(same) < len(reports) - 1:
         found.append(
-            "The reports are of different datasets. Those stand side by side; no difference between them is claimed, "
-            "since their frames are not the same."
+            "The reports are of different datasets. These are shown side by side; no difference between them is "
+            "claimed, because their frames are not the same."
         )
     if same:
         pixels = "the same images" if len(images) == 1 else "the same scenes, whose images differ"
         found.append(f"{len(same) + 1} reports are of one dataset, {pixels}: they are compared frame by frame.")
     if same and "comparisons" not in tables:
-        found.append("They share no method and intrinsics with enough circles solved by both, so nothing is tested.")
+        found.append("No shared method and intrinsics have enough circles solved by both, so nothing is tested.")
     for row in tables["comparisons"].rows if "comparisons" in tables else ():
         if row[-1] not in NO_DIFFERENCE:
             found.append(f"{str(row[3]).capitalize()}, {row[0]} intrinsics: {row[-1]} has the smaller error.")
     if "comparisons" in tables and all(row[-1] in NO_DIFFERENCE for row in tables["comparisons"].rows):
-        found.append("On the frames that they share, no difference of errors is shown.")
+        found.append("No difference of errors is shown on the shared frames.")
     return found

@@ -11,15 +11,15 @@ from roundel.validate.figures.svg import Picture
 from roundel.validate.scores.summary import Summary
 from roundel.validate.tables.table import NAME_LIMIT, TEXT_LIMIT, Table, clean, heads, shown_rows
 
-# A page shows so many rows of a table; its CSV has them all. Five hundred are about 200 kB.
+# A page shows at most this many rows of a table (about 200 kB); the CSV file has all.
 _MAX_ROWS = 500
 
-# Keys whose values are names that a user gave. They are cut; other text is only freed of control characters.
+# Keys whose values are names given by a user. Names are truncated; other text only loses its control characters.
 _NAMES = ("name", "method", "methods", "intrinsics", "group", "groups", "reference")
 
 
 def fill(template: str, **values: Any) -> str:
-    """A page of `validate/`'s templates. Everything is escaped but Markup; undefined names are errors."""
+    """Fill a page template. Everything except Markup is escaped; undefined names are errors."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -36,7 +36,7 @@ def fill(template: str, **values: Any) -> str:
 
 
 def presentable(value: Any, key: str = "") -> Any:
-    """A value whose texts can be shown: names cut, and no character that controls what stands beside it."""
+    """A copy that is safe to display: names truncated, control characters and reordering characters replaced."""
     if isinstance(value, str):
         if "\n" in value:
             return "\n".join(clean(line, TEXT_LIMIT) for line in value.split("\n"))
@@ -49,12 +49,12 @@ def presentable(value: Any, key: str = "") -> Any:
 
 
 def presentable_summary(summary: Summary) -> Summary:
-    """A summary whose texts can be shown."""
+    """A summary whose texts are safe to display."""
     return replace(summary, **{f.name: presentable(getattr(summary, f.name), f.name) for f in fields(summary)})
 
 
 def figures(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
-    """Figures for a template: their SVG is ours, and goes in as it is."""
+    """Figures for a template. Roundel makes their SVG, so it is inserted without escaping."""
     from markupsafe import Markup
 
     return [
@@ -79,13 +79,13 @@ def shown_table(table: Table) -> dict[str, Any]:
 
 
 class Tables(dict[str, Any]):
-    """Tables for a template, by name; None for one that the report does not have."""
+    """Tables for a template, by name; None for a table that the report does not have."""
 
     def __init__(self, tables: dict[str, Table]) -> None:
         super().__init__({name: shown_table(table) for name, table in tables.items()})
         seen: dict[str, str] = {}
         for name, table in tables.items():
-            # A note that stood on the page before need not be read twice; files have it in full.
+            # A long note appears once on the page; the files have it in full.
             if table.note in seen and len(table.note) > 100:
                 self[name]["note"] = f"Statistic, frame and units as under \u201c{seen[table.note]}\u201d."
             seen.setdefault(table.note, table.title)

@@ -16,13 +16,13 @@ from roundel.validate.scores.summary import Summary, detected_without_pose, numb
 from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.tables.table import Table
 
-# Style of an outcome; the word itself says it, for those who see no colours.
+# Style of an outcome; the word itself carries the meaning for readers who cannot see colours.
 _COLOURS = {"holds": "good", "does not hold": "bad"}
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """The report's figures by where they stand; a figure that a verdict names stands beside that verdict."""
+    """The report's figures by section; a figure that a verdict names is placed beside that verdict."""
 
     lead: list[Picture] = field(default_factory=list)
     verdicts: list[Picture] = field(default_factory=list)
@@ -43,12 +43,12 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
     Parameters
     ----------
     summary : Summary
-        Complete, with its checksums.
+        Complete, including its checksums.
     pictures : Pictures
     overlays : sequence of Overlay
-        Their SVG is ours and goes in as it is; everything else is escaped.
+        Roundel makes their SVG, so it is inserted without escaping; everything else is escaped.
     more : sequence of Table
-        Tables that a summary does not hold.
+        Tables that the summary does not contain.
     """
     from markupsafe import Markup
 
@@ -97,7 +97,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
 
 
 def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[dict[str, Any]]:
-    """Verdicts, each with the figure that it names; a figure stands once, beside the first that names it."""
+    """Verdicts with their figures; each figure is shown once, beside the first verdict that names it."""
     left = {shown["name"]: shown for shown in figures(pictures)}
     keys = ("claim", "outcome", "sentence", "condition")
     rows = [
@@ -109,12 +109,12 @@ def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[d
         }
         for v in verdicts
     ]
-    # Figures that no verdict names come last, with nothing said: the list of claims counts only what is claimed.
+    # Figures that no verdict names come last, without text, so that the list contains only claims.
     return [*rows, *({**dict.fromkeys(keys), "settings": [], "colour": "", "figure": shown} for shown in left.values())]
 
 
 def _groups(groups: dict[str, int], most: int = 8) -> str:
-    """Groups and their frames, where there are several."""
+    """Groups with their numbers of frames; empty for a single group."""
     if len(groups) < 2:
         return ""
     named = ", ".join(f"{name}: {count}" for name, count in list(groups.items())[:most])
@@ -122,7 +122,7 @@ def _groups(groups: dict[str, int], most: int = 8) -> str:
 
 
 def _cards(summary: Summary) -> list[dict[str, str]]:
-    """The few numbers that everybody asks for, of the run that the report leads with."""
+    """The headline numbers of the main run."""
     run = main_run(summary)
     oracle, label = run["oracle"], IntrinsicsLabel.of(run["intrinsics"]).phrase
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
@@ -131,8 +131,8 @@ def _cards(summary: Summary) -> list[dict[str, str]]:
         off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
         return [
             {"value": f"{100 * bare / run['n']:.4g} %", "label": f"of {run['n']} circles found, without a pose"},
-            {"value": f"{number(off[0])} px", "label": "centre, from the image of the circle's, median"},
-            {"value": f"{number(off[1])} px", "label": "centre, from the ellipse's, median"},
+            {"value": f"{number(off[0])} px", "label": "to the image of the circle's centre, median"},
+            {"value": f"{number(off[1])} px", "label": "to the centre of the ellipse, median"},
         ]
     normal, position, around = (
         number(oracle[f"{name}_error_{unit}"]["median"])

@@ -12,7 +12,7 @@ Run = dict[str, Any]
 
 
 def main_run(summary: Summary) -> Run:
-    """The run that a report leads with, see `main_key`."""
+    """The main run of a report, see `main_key`."""
     runs = {(r["method"], r["intrinsics"], r["reference"]): r for r in summary.runs}
     main = main_key(list(runs), (summary.settings.get("solve") or {}).get("methods", []))
     assert main is not None, "a report scores at least one run against the truth"
@@ -24,7 +24,7 @@ def _errors(run: Run) -> str:
     return (
         f"the normal is off by {number(oracle['normal_error_deg']['median'])}\N{DEGREE SIGN}, "
         f"the centre by {number(oracle['position_error_pct']['median'])} % of its distance, "
-        f"and points drawn around the marker by {number(oracle['reprojection_error_px']['median'])} px"
+        f"and points reprojected around the marker by {number(oracle['reprojection_error_px']['median'])} px"
     )
 
 
@@ -42,7 +42,7 @@ def sentences(summary: Summary) -> list[str]:
         found.append(_centre_sentence(main, bare))
     if main["oracle"]["normal_error_deg"]["n"]:
         found.append(
-            f"With {IntrinsicsLabel.of(main['intrinsics']).phrase}, {_errors(main)}, in the median; in 95 % of frames "
+            f"With {IntrinsicsLabel.of(main['intrinsics']).phrase}, {_errors(main)} (medians); in 95 % of frames "
             f"the normal is within {number(main['oracle']['normal_error_deg']['p95'])}\N{DEGREE SIGN}."
         )
     others = [
@@ -53,9 +53,9 @@ def sentences(summary: Summary) -> list[str]:
         first = next((r for r in wrong if r["intrinsics"].startswith("default")), None)
         other = first or max(wrong, key=lambda r: r["oracle"]["position_error_pct"]["median"])
         found.append(
-            f"With {IntrinsicsLabel.of(other['intrinsics']).phrase}, {_errors(other)}. A focal length that is off by a "
-            "factor puts the marker off in distance by that factor; points drawn through the same intrinsics suffer "
-            "less, and the less the farther away the marker is."
+            f"With {IntrinsicsLabel.of(other['intrinsics']).phrase}, {_errors(other)}. A focal length that is wrong by "
+            "a factor scales the marker's distance by that factor; points reprojected with the same intrinsics are "
+            "affected less, and less still at larger distances."
         )
     if main["solved"]:
         found.append(_choice_sentence(main))
@@ -67,26 +67,27 @@ def _false_sentence(run: Run) -> str:
     count = run["false_detections"]
     if not count:
         return "there are no false positives."
-    return "1 detection is of no marker." if count == 1 else f"{count} detections are of no marker."
+    return "1 detection is a false positive." if count == 1 else f"{count} detections are false positives."
 
 
 def _centre_sentence(run: Run, bare: int) -> str:
     image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
-    whose = "It gives no poses" if not run["solved"] else f"Of {bare} it gave no pose"
+    whose = "It gives no poses" if not run["solved"] else f"It gave no pose for {bare} of them"
     return (
-        f"{whose}. Its centres are off by {number(image['median'])} px from the image of the circle's centre and by "
-        f"{number(ellipse['median'])} px from the centre of its ellipse, in the median."
+        f"{whose}. The median distance of its centres is {number(image['median'])} px to the image of the circle's "
+        f"centre and {number(ellipse['median'])} px to the centre of its ellipse."
     )
 
 
 def _choice_sentence(run: Run) -> str:
     head = (
-        "One image of a circle has two poses that explain it equally well. All errors here are those of the better one"
+        "Two poses explain one image of a circle equally well. All errors here are those of the better candidate, the "
+        "pose nearer to the truth"
     )
     if not run["branch_chosen"]:
-        return f"{head}; none was chosen, since nothing was known to choose by."
+        return f"{head}; none was chosen, because no prior knowledge was given."
     share = 100 * run["branch_correct"] / run["branch_chosen"]
-    return f"{head}; where one was chosen, in {run['branch_chosen']} frames, it was right in {number(share)} %."
+    return f"{head}; the solver chose one in {run['branch_chosen']} frames and was right in {number(share)} % of them."
 
 
 def _calibration_sentences(summary: Summary) -> list[str]:
@@ -101,22 +102,22 @@ def _calibration_sentences(summary: Summary) -> list[str]:
             text += f"; its focal length is off by {number(abs(calibration['fx_error_pct']))} %"
         if "projection_mean_px" in calibration:
             share = calibration["projection_share"]
-            over = "the whole image" if share == 1 else f"the {number(100 * share)} % of the image that it reaches"
-            text += f"; over {over} it projects {number(calibration['projection_mean_px'])} px off in the mean"
+            over = "the whole image" if share == 1 else f"the {number(100 * share)} % of the image that it covers"
+            text += f"; its mean projection error over {over} is {number(calibration['projection_mean_px'])} px"
         found.append(text + ".")
     board = next((r for r in summary.runs if r["method"] == CHESSBOARD), None)
     if board is not None and board["oracle"]["normal_error_deg"]["n"]:
         found.append(
-            f"The chessboards' own poses, found in {board['solved']} of {board['n']} views, are off by "
-            f"{number(board['oracle']['normal_error_deg']['median'])}\N{DEGREE SIGN} and "
-            f"{number(board['oracle']['position_error_pct']['median'])} % of the distance in the median: as a "
-            "reference the board is no better than that."
+            f"The poses of the chessboard itself, found in {board['solved']} of {board['n']} views, have median errors "
+            f"of {number(board['oracle']['normal_error_deg']['median'])}\N{DEGREE SIGN} and "
+            f"{number(board['oracle']['position_error_pct']['median'])} % of the distance: these errors limit the "
+            "board as a reference."
         )
     return found
 
 
 def commands(summary: Summary) -> list[str]:
-    """The commands that make this report again, with names to be replaced in capitals."""
+    """The commands that reproduce this report; names in capitals are placeholders."""
     runs = [r for r in summary.runs if r["method"] != CHESSBOARD]
     methods = list(dict.fromkeys(r["method"] for r in runs))
     labels = list(dict.fromkeys(r["intrinsics"] for r in runs))

@@ -1,7 +1,7 @@
 """Assignment of detections to markers by nearest contour, or nearest centre, one to one.
 
-A blind solver cannot know a marker's identity. What stays unmatched is an outcome on either side: a marker that was
-not found, a detection of nothing.
+The solver does not know a marker's identity. Both kinds of unmatched items are outcomes: a missed marker, and a false
+positive.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from roundel.validate.metrics.pose_errors import contour_error_px
 
 Array = NDArray[np.float64]
 
-# A detection belongs to a marker when its contour lies, in the mean, within 3 px or a quarter of the true ellipse's
-# minor semi-axis, whichever is more: a bad fit of the right thing is an error, not a miss.
+# A detection matches a marker if the mean distance of its contour is within 3 px or a quarter of the true ellipse's
+# semi-minor axis, whichever is larger: a bad fit of the right contour is an error, not a miss.
 GATE_PX = 3.0
 GATE_FRACTION = 0.25
 
-# Pairs compared at once: bounds the memory at some 100 MB.
+# Pairs compared at once, which limits the memory to about 100 MB.
 _CHUNK = 8192
 
 
 @dataclass(frozen=True)
 class Match:
-    """What became of each target and each detection.
+    """The assignment of targets and detections.
 
     Attributes
     ----------
     rows : (N, 2) int array
-        Row of candidate 0 and 1 of the target's detection in the run; -1 where there is none.
+        Row of candidate 0 and 1 of the target's detection in the run; -1 if there is none.
     reason : list of str
-        Why a target has no pose; empty where it has one.
+        Why a target has no pose; empty if it has one.
     contour_error_px : (N,) array
         Of the matched detection.
     detections : int
-        Detections with a pose, an ellipse or a centre, of any thing.
+        All detections with a pose, an ellipse or a centre.
     false_detections : dict
         Number of unmatched detections by frame_id (frames without any are left out).
     """
@@ -117,7 +117,7 @@ def _first_rows(run: Run) -> dict[int, list[int]]:
     starts[1:] = (np.diff(run.frame_id) != 0) | (np.diff(run.detection_id) != 0)
     out: dict[int, list[int]] = {}
     for row in np.flatnonzero(starts).tolist():
-        # Where candidate 0 failed and candidate 1 did not, the detection is known by the latter.
+        # If candidate 0 failed and candidate 1 did not, the detection is represented by the latter.
         if not run.ok[row] and row + 1 < len(run.ok) and not starts[row + 1] and run.ok[row + 1]:
             row += 1
         out.setdefault(int(run.frame_id[row]), []).append(row)
@@ -131,9 +131,9 @@ def _why_nothing(run: Run, firsts: list[int] | None) -> str:
 
 
 def _contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) -> Array:
-    """Contour error of each (target, row) pair, by groups of one used camera; infinite where there is none.
+    """Contour error of each (target, row) pair, grouped by camera; infinite if there is none.
 
-    Of a row without an ellipse, the distance between its centre's image and the true one.
+    For a row without an ellipse, the distance between its centre's image and the true one.
     """
     out = np.full(len(pairs), np.inf)
     if not pairs:
@@ -144,7 +144,7 @@ def _contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) ->
             camera: Camera = run.cameras[index]
             value = contour_error_px(targets.contour_px[target[part]], run.ellipse[row[part]], camera)
             out[part] = np.where(np.isfinite(value), value, np.inf)
-    # Where there is no ellipse, a point is held against the image of the circle's centre.
+    # Without an ellipse, the point is compared with the image of the circle's centre.
     bare = np.flatnonzero(np.isnan(run.ellipse[row, 0]))
     if len(bare):
         true = columns_of(targets.truth, ["centre_image_x_px", "centre_image_y_px"])[target[bare]]

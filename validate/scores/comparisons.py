@@ -20,18 +20,18 @@ Labels = NDArray[np.int64]
 Key = tuple[str, str, str]
 
 COMPARED = (*HEADLINE, ELLIPSE_CENTRE)
-ALPHA = 0.05  # of one wrong statement in the whole family of comparisons
+ALPHA = 0.05  # chance of any wrong statement in the whole family of comparisons
 POWER_ALPHA = 0.01
 POWER = 0.95
 POWER_NOTE = (
     "The relative growth of the RMS error that these frames show in 95 of 100 cases at a level of 1 %, one-sided, if "
-    "the other side's errors have the same spread and are independent. On the same images errors go together, and a "
-    "paired test sees smaller changes."
+    "the other side's errors have the same standard deviation and are independent. On the same images errors are "
+    "correlated, and a paired test detects smaller changes."
 )
 
 
 def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
-    """The main run against every other run that was judged by the same reference.
+    """Compare the main run with every other run that has the same reference.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
     list of dict
         For each other run and error: `ratio` of its RMS to the main run's over the circles that both solved, with its
         interval `low`, `high` (bootstrap over frames, of the ratio's logarithm), the two-sided `p_value`, `p_holm`
-        adjusted for the whole list, and `verdict`: `larger`, `smaller` (with certainty), `same` (equal to the last
-        digit) or `undecided`.
+        adjusted for the whole list, and `verdict`: `larger`, `smaller` (significant), `same` (identical) or
+        `undecided`.
     """
     out = []
     for key, table in tables.items():
@@ -68,7 +68,7 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
 
 
 def shared_rows(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
-    """The rows of the same circles, in one order."""
+    """The rows of the shared circles, in the same order."""
     keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
     where = {key: i for i, key in enumerate(keys[1])}
     pairs = [(i, where[key]) for i, key in enumerate(keys[0]) if key in where]
@@ -103,7 +103,7 @@ def _compared(ours: pa.Table, theirs: pa.Table, metric: Metric) -> dict[str, Any
     if len(powers) < MIN_SAMPLES["rms"]:
         return {**facts, "low": None, "high": None, "p_value": 1.0}
     draws = resampled_sums(powers)
-    # The log of the ratio is near enough to normal for its spread to be all that is asked of the bootstrap.
+    # The logarithm of the ratio is close to normal, so only its standard deviation is bootstrapped.
     error = float(np.std(0.5 * np.log(draws[:, 1] / draws[:, 0]), ddof=1))
     margin = float(stats.norm.ppf((1 + LEVEL) / 2)) * error
     low, high = (float(f"{math.exp(effect + s * margin):.9g}") for s in (-1, 1))
@@ -112,13 +112,13 @@ def _compared(ours: pa.Table, theirs: pa.Table, metric: Metric) -> dict[str, Any
 
 
 def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
-    """What change of each run's main errors these frames could show (`POWER_NOTE` says under which assumption).
+    """The change of each run's main errors that these frames can detect (see `POWER_NOTE` for the assumptions).
 
     Returns
     -------
     list of dict
-        `change` is a fraction of the RMS, None where there are too few frames; `over_bound` says whether errors were
-        divided by their frame's own bound, as the gate does.
+        `change` is a fraction of the RMS, None if there are too few frames; `over_bound` tells whether errors were
+        divided by their frame's own bound, as in the gate.
     """
     out = []
     for key, table in tables.items():
@@ -150,7 +150,7 @@ def _detectable(values: Array, frame: Labels) -> dict[str, Any]:
     frames, total = len(power), float(power.sum())
     if frames < MIN_SAMPLES["rms"] or total == 0:
         return {"frames": frames, "change": None}
-    # The linearised spread of log RMS between frames; another sqrt 2 for the other side's.
+    # The linearised standard deviation of log RMS between frames, times sqrt 2 for the other side.
     residual = power - total / count.sum() * count
     error = 0.5 * math.sqrt(frames / (frames - 1) * float(np.sum(residual**2))) / total
     change = math.expm1(detectable_effect(math.sqrt(2) * error, POWER_ALPHA))

@@ -42,8 +42,8 @@ BOUNDED = (NORMAL, POSITION_M, ELLIPSE_CENTRE)
 class Recall:
     """A family of thresholds: the share of circles whose error is below each.
 
-    BOP's ten of MSSD are fractions of the object's diameter, its ten of MSPD pixels of an image 640 px wide: these two
-    have a unit of their own.
+    BOP's ten thresholds of MSSD are fractions of the object's diameter, its ten of MSPD are pixels of an image 640 px
+    wide, so these two have their own unit.
     """
 
     metric: Metric
@@ -71,8 +71,8 @@ def statistics(values: Array, frame: Labels | None = None) -> Statistics:
     ----------
     values : (n,) array
     frame : (n,) int array, optional
-        Frame of each value, for intervals over frames: `median_low`, `median_high` and so on, None where there are too
-        few frames, and how they were found in `interval`.
+        Frame of each value, for intervals over frames: `median_low`, `median_high` and so on, None if there are too few
+        frames, and their method in `interval`.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def statistics_of(columns: dict[str, Array], frame: Labels | None = None) -> dic
 
 
 def _ends(interval: Interval) -> tuple[float | None, float | None]:
-    """Ends as they are stored: the tenth digit of a resampled number depends on how many threads summed it."""
+    """Rounded ends of an interval: the tenth digit of a resampled number depends on the number of threads."""
     low, high = (None if v is None else float(f"{v:.9g}") for v in (interval.low, interval.high))
     return low, high
 
@@ -168,8 +168,8 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
 def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
     """Recall at thresholds, by the better candidate and by the chosen one.
 
-    A circle that was not found, or of which no candidate was chosen, is a miss. Left out are circles alone that were
-    found and have no reference to be judged by. `chosen` is None where a run never chooses.
+    A circle that was not found, or without a chosen candidate, is a miss. Only circles that were found but have no
+    reference are left out. `chosen` is None if a run never chooses.
     """
     judged = ~np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
     judged |= np.isfinite(NORMAL.values(part))
@@ -186,7 +186,7 @@ def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
         for family in RECALLS:
             name = family.metric.name
             error = (family.metric.values(part, kind) * scale.get(name, 1.0))[judged]
-            # NaN is below nothing.
+            # NaN is never below a threshold.
             hits = error[:, None] < np.array(family.thresholds)
             means[name] = hits.mean(axis=1)
             families[name] = {
@@ -197,7 +197,7 @@ def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
                 ],
                 "average": _average(means[name], frame),
             }
-        # BOP's average is of three errors; its first, VSD, needs depth images.
+        # BOP averages three errors; the first, VSD, needs depth images.
         out[kind] = {**families, "average_recall": _average((means["mssd"] + means["mspd"]) / 2, frame)}
     return out
 

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 KEY = ("frame_id", "marker_id", "method", "intrinsics", "reference")
 
-# The frame's own variables, and what they are called in the truth.
+# The frame's own variables, and their names in the truth.
 VARIABLES: dict[str, str] = {
     **{n: n for n in ("distance_m", "distance_D", "tilt_deg", "azimuth_deg")},
     "image_x_px": "centre_image_x_px",
@@ -40,7 +40,7 @@ VARIABLES: dict[str, str] = {
     **{n: n for n in ("edge_contrast_dn", "edge_noise_dn", "edge_blur_px")},
 }
 
-# The offset of the ellipse's centre by coordinate: a shift common to all frames shows in its mean.
+# The offset of the ellipse's centre by coordinate; its mean shows a shift common to all frames.
 SIGNED = ("ellipse_centre_x_error_px", "ellipse_centre_y_error_px")
 BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
 
@@ -77,9 +77,9 @@ class FalseDetections:
 
 @dataclass(frozen=True)
 class Scores:
-    """The table of scores.parquet, and what it cannot hold: detections of nothing, and the matched ellipses themselves.
+    """The table of scores.parquet, and data that it does not contain: false positives and the matched ellipses.
 
-    `matched[method, intrinsics]` has every circle that was to be found, and its candidates, row by row.
+    `matched[method, intrinsics]` has every expected circle and its candidates, row by row.
     """
 
     table: pa.Table
@@ -89,10 +89,10 @@ class Scores:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Up to two poses a target: (N, 2, ...) arrays; `has` says which exist. `camera` indexes `cameras`.
+    """Up to two poses per target: (N, 2, ...) arrays; `has` tells which exist. `camera` indexes `cameras`.
 
-    `found` says which were detected, with a pose or without; `centre_px` is where the image of the centre is. None: all
-    that were detected have poses.
+    `found` tells which were detected, with or without a pose; `centre_px` is the image of the centre. None: all
+    detections have poses.
     """
 
     has: NDArray[np.bool_]
@@ -111,18 +111,18 @@ class Candidates:
 
 
 def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | None = None) -> Scores:
-    """Score runs against the truth, and against the chessboard where there is one.
+    """Score runs against the truth, and against the chessboard if there is one.
 
     Parameters
     ----------
     dataset : Dataset
-        For its study: which groups were to be solved.
+        Its study gives the groups to solve.
     targets : Targets
         Every true circle.
     runs : list of Run
     board : Targets, optional
-        As `targets`, row by row, placed by the chessboard; rows of frames without a board are left out by marker_id and
-        frame_id.
+        As `targets`, with poses from the chessboard; rows of frames without a board are missing, identified by
+        marker_id and frame_id.
 
     Raises
     ------
@@ -169,9 +169,9 @@ def sorted_scores(table: pa.Table) -> pa.Table:
 
 
 def _expected(dataset: Dataset, targets: Targets, run: Run) -> NDArray[np.bool_]:
-    """Circles that the run should have found: those of the groups that the study solves, and of any group it touched.
+    """Expected circles of a run: those of the groups that the study solves, and of any group in the run.
 
-    A frame of such a group without a row counts as not solved: leaving hard frames out must not pay.
+    A frame of such a group without a row counts as not solved, so that leaving out hard frames gives no advantage.
     """
     group = np.array(targets.truth["group"].to_pylist(), dtype=object)
     solve = dataset.study.get("solve") or {}
@@ -194,7 +194,7 @@ def matched_candidates(found: Match, run: Run) -> Candidates:
     """The matched rows of a run, target by target."""
     rows = found.rows
     there = rows >= 0
-    # Row 0 stands in where there is none; `there` and `has` keep it out of every number.
+    # Row 0 is a placeholder for missing rows; `there` and `has` exclude it from all results.
     safe = np.where(there, rows, 0)
     has = there & run.posed[safe]
     return Candidates(
@@ -211,7 +211,7 @@ def matched_candidates(found: Match, run: Run) -> Candidates:
 
 
 def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidates:
-    """Some of the rows."""
+    """The selected rows."""
     c = candidates
     return Candidates(
         c.has[rows],
@@ -235,10 +235,10 @@ def score_rows(
     reference: str,
     bounds: Bounds | None = None,
 ) -> pa.Table:
-    """Rows of scores.parquet of one run against one reference.
+    """Rows of scores.parquet for one run against one reference.
 
-    The oracle is the candidate with the smaller normal error, for every metric. Where nothing was chosen, the chosen
-    metrics and `branch_correct` are null: without knowledge that is the honest answer.
+    The oracle is the candidate nearer to the truth, the one with the smaller normal error, for every metric. If no
+    candidate was chosen, the chosen metrics and `branch_correct` are null.
     """
     n, columns = len(targets), np.arange(len(targets))
     solved = candidates.has.any(axis=1)
@@ -252,7 +252,7 @@ def score_rows(
     values |= _symmetric_metrics(targets, candidates, candidates.chosen | (np.arange(2) == oracle[:, None]))
     is_chosen = candidates.chosen.any(axis=1) & placed
     single = candidates.has.sum(axis=1) == 1
-    # A lone candidate is right when it is nearer to the true normal than to the second solution's.
+    # A single candidate is right if it is nearer to the true normal than to that of the second solution.
     nearer = normal_error_deg(candidates.normal[columns, chosen], targets.camera_from_marker[:, :3, 2]) <= (
         normal_error_deg(candidates.normal[columns, chosen], targets.other_normal)
     )
@@ -289,7 +289,7 @@ def score_rows(
 
 
 def _bounds(bounds: Bounds | None, n: int) -> tuple[Array, Array, Array]:
-    """Columns of `BOUNDS`; a chessboard's pose is no circle's, and has none."""
+    """Columns of `BOUNDS`; a chessboard's pose has no bounds, because they are those of a circle."""
     if bounds is None:
         nothing = np.full(n, np.nan)
         return nothing, nothing, nothing
@@ -345,7 +345,7 @@ def _pose_metrics(
 
 
 def _symmetric_metrics(targets: Targets, candidates: Candidates, wanted: NDArray[np.bool_]) -> dict[str, Array]:
-    """BOP's two, of the candidates that are wanted: the best turn of each is sought, which takes its time."""
+    """BOP's two metrics for the wanted candidates only, because the search for the best rotation is slow."""
     space, image = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
     circle = targets.placed & np.isfinite(targets.diameter_m)
     row, which = np.nonzero(wanted & candidates.has & circle[:, None])
@@ -358,13 +358,13 @@ def _symmetric_metrics(targets: Targets, candidates: Candidates, wanted: NDArray
 
 
 def _ellipse_metrics(targets: Targets, candidates: Candidates) -> dict[str, Array]:
-    """Both candidates have the same ellipse: that of the first that exists counts."""
+    """Both candidates have the same ellipse, so that of the first existing one is used."""
     n, first = len(targets), np.argmax(candidates.detected(), axis=1)
     offset, contour = np.full((n, 2), np.nan), np.full(n, np.nan)
     every, detected = np.arange(n), candidates.detected().any(axis=1)
     outlined = detected & np.isfinite(candidates.ellipse[every, first]).all(axis=1)
     if candidates.centre_px is not None:
-        # A centre alone is held against that of the ellipse, too: many take the one for the other.
+        # A centre without a pose is also compared with that of the ellipse, because the two are often confused.
         point = candidates.centre_px[every, first]
         for index, i in groups_of(np.where(detected & ~outlined, targets.camera, -1)):
             if index >= 0:

@@ -34,33 +34,33 @@ Array = NDArray[np.float64]
 
 SCHEMA = 1
 
-# A study has a grid where few values recur often; more than this and it is a draw.
+# A study has a grid if few values recur often; with more values than this they count as random.
 _MAX_LEVELS = 60
 
-# The method under which the chessboard's own pose is scored (`validate.reference`).
+# The method name of the chessboard's own pose (`validate.calibration.chessboard_reference`).
 CHESSBOARD = "chessboard_pnp"
 
-# What the cells of the grid keep: the paper's three errors.
+# The errors in the cells of the grid: the paper's three.
 CELL_METRICS = (NORMAL, POSITION_D, POSITION, REPROJECTION)
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What summary.json holds: the scores in a few numbers. Nested values are plain: finite numbers, texts, None.
+    """The contents of summary.json. Nested values are plain: finite numbers, texts, None.
 
     Attributes
     ----------
     metric_version : int
     dataset, settings, versions, checksums : dict
-        Which frames, what the validator was asked, and what made and was read.
+        The frames, the validator's settings, the software versions, and checksums of the inputs.
     runs, groups, cells : list of dict
         Statistics by method, intrinsics and reference; the same by group; and by cell of the study's grid.
     failures, comparisons, power : list of dict
-        Reasons, runs beside the main one, and the change that these frames could show.
+        Reasons of failures, comparisons with the main run, and the detectable change.
     calibration, calibrations, calibration_subsets
-        OpenCV's calibration from all views, from the numbers of views that the study asks for, and the frames of each.
+        OpenCV's calibration from all views, from the numbers of views in the study, and from random subsets.
     filled_in : dict
-        Columns that a run's file left out.
+        Defaults that were used for a run's file.
     worth, sweeps, verdicts
         The benefit of a calibration, errors over the levels of a nuisance, the paper's claims: records of JSON.
     """
@@ -89,7 +89,7 @@ class Summary:
 
 
 def summary_record(summary: Summary) -> dict[str, Any]:
-    """What summary.json holds, its schema first."""
+    """The contents of summary.json, with its schema first."""
     return {"schema": summary.schema, **{f.name: getattr(summary, f.name) for f in fields(summary)}}
 
 
@@ -98,7 +98,7 @@ def _texts(table: pa.Table, name: str) -> NDArray[Any]:
 
 
 def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
-    """(method, intrinsics, reference) of a table of scores, in the order in which they are shown."""
+    """(method, intrinsics, reference) of a table of scores, in display order."""
     found = set(zip(*(table[name].to_pylist() for name in ("method", "intrinsics", "reference")), strict=True))
     # The truth first; the chessboard's own pose last.
     return sorted(found, key=lambda k: (k[0] == CHESSBOARD, k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
@@ -111,7 +111,7 @@ def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
 
 
 def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
-    """The run that a report leads with: the study's first method, against the truth, with the true focal length."""
+    """The main run of a report: the study's first method, against the truth, with the true focal length."""
     mine = [key for key in keys if key[2] == "truth" and key[0] != CHESSBOARD]
 
     def place(key: tuple[str, str, str]) -> tuple[int, str, bool]:
@@ -125,7 +125,7 @@ def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str,
 
 
 def levels(values: Array) -> Array | None:
-    """The distinct values, where they are those of a grid; None where they were drawn."""
+    """The distinct values if they form a grid; None if they are random."""
     known = np.round(values[np.isfinite(values)], 6)
     distinct = np.unique(known)
     grid = 0 < len(distinct) <= _MAX_LEVELS and len(known) >= 2 * len(distinct)
@@ -133,8 +133,8 @@ def levels(values: Array) -> Array | None:
 
 
 def grid_of(table: pa.Table, rows: NDArray[np.bool_]) -> tuple[Array, Array] | None:
-    """(distances in D, tilts in degrees) where these rows stand on a grid."""
-    # Each circle once: several intrinsics of one draw are no grid.
+    """(distances in D, tilts in degrees) if these rows form a grid."""
+    # Each circle once, because several intrinsics of one random value are not a grid.
     _, first = np.unique(
         np.stack([column(table, n)[rows] for n in ("frame_id", "marker_id")]), axis=1, return_index=True
     )
@@ -172,21 +172,21 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
 def summarise(
     dataset: Dataset, scores: Scores, settings: dict[str, Any], calibration: dict[str, Any] | None
 ) -> Summary:
-    """The numbers of a report; what is decided on them, and the checksums, come with `dataclasses.replace`.
+    """The statistics of a report; verdicts and checksums are added later with `dataclasses.replace`.
 
     Parameters
     ----------
     dataset : Dataset
     scores : Scores
     settings : dict
-        What the validator was asked.
+        The validator's settings.
     calibration : dict or None
         From `calibration_summary`.
 
     Returns
     -------
     Summary
-        The same for the same input, whenever it is made.
+        Deterministic for the same input.
     """
     table = scores.table
     group = _texts(table, "group")
@@ -244,17 +244,17 @@ _FIDELITY = {"shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", 
 
 
 def _fidelity(measured: dict[str, Any] | None) -> dict[str, Any] | None:
-    """What a manifest says of its images; of an older version, which measured otherwise, only that."""
+    """Fidelity in a manifest; for older versions with another measurement, only a note."""
     if not (measured or {}).get("circles"):
         return measured
     assert measured is not None
     if all(set(part) >= _FIDELITY for part in (measured, *measured.get("by_effect", {}).values())):
         return measured
-    return {"circles": 0, "reason": "measured otherwise by an older version; render it again"}
+    return {"circles": 0, "reason": "measured differently by an older version; render it again"}
 
 
 def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
-    """Detections of nothing; they belong to the image, so they stand beside the truth alone."""
+    """False positives; they do not depend on a reference, so they are reported only with the truth."""
     for false in scores.false_detections:
         if (false.method, false.intrinsics, "truth") == key:
             return {"detections": false.detections, "false_detections": false.count}
@@ -262,13 +262,13 @@ def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
 
 
 def _kind_of_reason(reason: str) -> str:
-    """A reason without its numbers, so that like reasons are counted together."""
+    """A reason without its numbers, so that similar reasons are counted together."""
     head, comma, _ = reason.partition(", ")
     return "a detection, but too far from the contour" if comma and "detection" in head else reason
 
 
 def versions() -> dict[str, str]:
-    """Versions of what the numbers of a report rest on."""
+    """Versions of the software behind a report."""
     import cv2
     import matplotlib
     import scipy
@@ -289,7 +289,7 @@ def versions() -> dict[str, str]:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number for people: `digits` significant ones, a dash for none."""
+    """A number for display, with `digits` significant digits; a dash for None."""
     if value is None or not np.isfinite(value):
         return "-"
     if value == 0:
@@ -298,12 +298,12 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:,.{places}f}" if abs(value) >= 1e-4 else f"{value:.1e}"
 
 
-# What summary.json tells of a metric.
+# The fields of a metric in summary.json.
 _DEFINITION = ("column", "title", "unit", "frame", "definition", "source", "of")
 
 
 def terminal_table(summary: Summary) -> str:
-    """The table that the command prints: median and 95th percentile of the oracle's errors."""
+    """The table that the command prints: median and 95th percentile of the oracle candidate's errors."""
     head = ("method", "intrinsics", "reference", "solved", *(m.short_label for m in HEADLINE), "false")
     lines = [head]
     for run in summary.runs:
@@ -318,27 +318,25 @@ def terminal_table(summary: Summary) -> str:
         return "  ".join(cells).rstrip()
 
     extent = summary.settings["reprojection_extent_D"]
-    note = (
-        f"median / 95th percentile; oracle: of the two poses the one nearer to the truth; reprojection +-{extent:g} D"
-    )
+    note = f"median / 95th percentile; oracle: the candidate nearer to the truth; reprojection +-{extent:g} D"
     return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
 
 
 def detected_without_pose(run: dict[str, Any]) -> int:
-    """How many circles a run found and gave no pose of: all of them, if it gives centres alone."""
+    """Number of circles that a run found without a pose: all of them if it only gives centres."""
     return max(int(run.get("detected", 0)) - int(run["solved"]), 0)
 
 
 def _without_poses(summary: Summary) -> list[str]:
-    """A line for each run that found circles and no pose: how far off its centres are."""
+    """One line with the centre errors for each run that found circles without a pose."""
     out = []
     for run in summary.runs:
         bare = detected_without_pose(run)
         if bare > 0:
             image, ellipse = run["oracle"]["centre_image_error_px"], run["ellipse"]["ellipse_centre_error_px"]
             out.append(
-                f"{run['method']}, {run['intrinsics']}: {bare} of {run['n']} found without a pose; centres off by "
-                f"{number(image['median'])} / {number(image['p95'])} px from the image of the circle's, "
-                f"{number(ellipse['median'])} / {number(ellipse['p95'])} px from the ellipse's"
+                f"{run['method']}, {run['intrinsics']}: {bare} of {run['n']} found without a pose; centre errors "
+                f"{number(image['median'])} / {number(image['p95'])} px to the image of the circle's centre, "
+                f"{number(ellipse['median'])} / {number(ellipse['p95'])} px to the ellipse's centre"
             )
     return out

@@ -2,5 +2,5 @@
 
 intervals: Confidence intervals: bootstrap over frames, Wilson for rates; Holm's correction for families
 paired_tests: Paired tests of two methods on the same frames, with the detectable effect
-trends: Slopes, means and ratios of errors, and whether they lie in the region that a claim asks for
+trends: Slopes, means and ratios of errors, and whether they are in the region required by a claim
 """

@@ -1,7 +1,7 @@
 """Confidence intervals: bootstrap over frames, Wilson for rates; Holm's correction for families.
 
-A frame is what was drawn at random: its circles share camera, light and noise, so that a frame with several circles is
-resampled as one.
+Frames are the independent samples: circles of a frame share camera, light and noise, so a frame with several circles is
+resampled as a unit.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 LEVEL = 0.95
-# Below these an interval says more about the method than about the data: percentiles need frames in their tail.
+# Minimum numbers of frames for an interval: percentiles need frames in their tail.
 MIN_SAMPLES = {"median": 10, "rms": 20, "p95": 60}
 _Q = {"median": 0.5, "p95": 0.95}
 _RESAMPLES = 1999
-_AT_ONCE = 2_000_000  # numbers in one block of resamples
+_AT_ONCE = 2_000_000  # values in one block of resamples
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Interval:
     Attributes
     ----------
     value, low, high : float or None
-        None where there are too few samples to say.
+        None if there are too few samples.
     n : int
-        Frames that it rests on.
+        Number of frames.
     method : str
-        `BCa`, `percentile` (where BCa degenerates), `Wilson`, or why there is none.
+        `BCa`, `percentile` (if BCa degenerates), `Wilson`, or why there is none.
     """
 
     value: float | None
@@ -50,16 +50,16 @@ class Interval:
 def bootstrap_interval(
     values: ArrayLike, statistic: str, *, clusters: ArrayLike | None = None, level: float = LEVEL, seed: int = 0
 ) -> Interval:
-    """Bootstrap interval of a statistic over frames: BCa, or percentiles where BCa degenerates.
+    """Bootstrap interval of a statistic over frames: BCa, or percentiles if BCa degenerates.
 
     Parameters
     ----------
     values : (n,) array_like
-        What is not finite is left out.
+        Values that are not finite are left out.
     statistic : {"median", "p95", "rms"}
         `p95` is of magnitudes.
     clusters : (n,) array_like of int, optional
-        Frame of each value; values of one frame are drawn together. Each its own frame where left out.
+        Frame of each value; values of one frame are drawn together. Default: each value is its own frame.
     level : float
     seed : int
 
@@ -71,7 +71,7 @@ def bootstrap_interval(
     Notes
     -----
     B. Efron, Better bootstrap confidence intervals, JASA 82 (1987). On constant data BCa divides by zero. Order
-    statistics of independent frames need no resampling: their place in the sample has a known (beta) distribution.
+    statistics of independent frames need no resampling: their rank in the sample has a known (beta) distribution.
     """
     x = np.asarray(values, dtype=np.float64)
     return bootstrap_intervals(x[:, None], (statistic,), clusters=clusters, level=level, seed=seed)[0][statistic]
@@ -104,7 +104,7 @@ def bootstrap_intervals(
 
 
 def _intervals(values: Array, frame: Labels, statistic: str, level: float, seed: int) -> list[Interval]:
-    """Of finite columns (n, m), whose rows stand in frames 0 to some number."""
+    """Intervals of finite columns (n, m), whose rows belong to frames numbered from 0."""
     if not len(values):
         return [Interval(None, None, None, 0, "no samples")] * values.shape[1]
     sized = np.abs(values) if statistic == "p95" else values
@@ -123,14 +123,14 @@ def _intervals(values: Array, frame: Labels, statistic: str, level: float, seed:
 
 
 def _bca(value: float, drawn: Array, left_out: Array, level: float) -> tuple[float, float, str]:
-    """Ends of the interval from resampled values and from those with one frame left out."""
+    """Ends of the interval from resampled values and from jackknife values with one frame left out."""
     tails = np.array([(1 - level) / 2, (1 + level) / 2])
     z = stats.norm.ppf(tails)
     below = float(np.mean(drawn < value) + 0.5 * np.mean(drawn == value))
     d = left_out.mean() - left_out
     spread = float(np.sum(d * d))
     method = "percentile"
-    # Where leaving one frame out changes nothing, or all resamples lie on one side, there is nothing to correct by.
+    # If leaving out one frame changes nothing, or all resamples are on one side, no correction is possible.
     if 0 < below < 1 and spread > 0:
         bias, acceleration = float(stats.norm.ppf(below)), float(np.sum(d**3)) / (6.0 * spread**1.5)
         shifted = bias + z
@@ -144,7 +144,7 @@ Draws = list[tuple[Array, Array]]
 
 
 def _rms_draws(values: Array, frame: Labels, seed: int) -> Draws:
-    """Of each column, the resampled RMS and those with one frame left out."""
+    """For each column, the resampled RMS and those with one frame left out."""
     count = np.bincount(frame).astype(np.float64)
     power = np.stack([np.bincount(frame, x * x) for x in values.T], axis=1)
     sums = resampled_sums(np.column_stack([power, count]), seed)
@@ -170,21 +170,21 @@ def _quantile_draws(values: Array, frame: Labels, statistic: str, seed: int) -> 
 
 @lru_cache(maxsize=32)
 def _order_draws(n: int, j: int, seed: int) -> tuple[Array, Array]:
-    """Draws of the j-th (from 0) of n ordered uniform numbers, and of the next one after it."""
+    """Draws of the j-th (from 0) of n ordered uniform numbers, and of the next one."""
     generator = np.random.default_rng(seed)
     u = generator.beta(j + 1, n - j, _RESAMPLES)
     rest = n - j - 1
     v = 1 - (1 - u) * generator.random(_RESAMPLES) ** (1.0 / rest) if rest else u
-    # Numbers below one, so that an index below n comes of them.
+    # Numbers are below one, so that they give an index below n.
     top = np.nextafter(1.0, 0.0)
     return np.minimum(u, top), np.minimum(v, top)
 
 
 def _resampled_quantile(ordered: Array, owner: Labels, q: float, seed: int) -> Array:
-    """The quantile of samples of whole frames."""
+    """The quantile of resamples of whole frames."""
     n, count = len(ordered), np.bincount(owner)
-    # Only ranks near the quantile's can become it: eight standard deviations of the number below it, if a frame's
-    # values went together. Those below are counted, frame by frame.
+    # Only values with ranks near the quantile's can become it: within eight standard deviations of the number below it,
+    # for fully correlated values of a frame. Values below are only counted, frame by frame.
     half = int(8 * math.sqrt(n * q * (1 - q) * count.max())) + 8
     start, stop = max(0, int(q * (n - 1)) - half), min(n, int(q * (n - 1)) + half)
     below = np.bincount(owner[:start], minlength=len(count))
@@ -193,7 +193,7 @@ def _resampled_quantile(ordered: Array, owner: Labels, q: float, seed: int) -> A
         total = (weight @ below)[:, None] + np.cumsum(weight[:, owner[start:stop]], axis=1)
         place = q * (weight @ count - 1)
         low = np.floor(place)
-        # The first value whose rank is beyond the place; the last one where none is.
+        # The first value whose rank exceeds the target rank, or the last value.
         a, b = (near[np.minimum(np.sum(total <= k[:, None], axis=1), len(near) - 1)] for k in (low, np.ceil(place)))
         out.append(a + (place - low) * (b - a))
     return np.concatenate(out)
@@ -202,7 +202,7 @@ def _resampled_quantile(ordered: Array, owner: Labels, q: float, seed: int) -> A
 def _left_out_quantile(ordered: Array, owner: Labels, q: float) -> Array:
     """The quantile with each frame left out in turn."""
     count = np.bincount(owner)
-    # Ranks of each frame's values, ascending; beyond its own a rank that no place reaches.
+    # Ranks of each frame's values, ascending, padded with a rank beyond all others.
     ranks = np.full((len(count), count.max()), len(ordered))
     by_frame = np.argsort(owner, kind="stable")
     column = np.arange(len(ordered)) - np.repeat(np.cumsum(count) - count, count)
@@ -219,7 +219,7 @@ def _left_out_quantile(ordered: Array, owner: Labels, q: float) -> Array:
 
 @lru_cache(maxsize=4)
 def _counts(n: int, seed: int) -> NDArray[np.uint8]:
-    """How often each of n frames is drawn: (resamples, n). All statistics of the same frames share them."""
+    """Number of draws of each of n frames: (resamples, n). All statistics of the same frames share them."""
     generator, resamples, blocks = np.random.default_rng(seed), resamples_of(n), []
     step = max(1, _AT_ONCE // n)
     for start in range(0, resamples, step):
@@ -231,7 +231,7 @@ def _counts(n: int, seed: int) -> NDArray[np.uint8]:
 
 
 def resamples_of(n: int) -> int:
-    """How often n frames are resampled: fewer times where there are many, whose statistics are the smoother."""
+    """Number of resamples of n frames: fewer for many frames, whose statistics are smoother."""
     return int(np.clip(20_000_000 // max(n, 1), 499, _RESAMPLES))
 
 
@@ -243,14 +243,14 @@ def _weights(n: int, seed: int) -> Iterator[Array]:
 
 
 def resampled_sums(values: Array, seed: int = 0) -> Array:
-    """Sums (resamples, columns) over frames (n, columns) that are drawn with replacement."""
+    """Sums (resamples, columns) over frames (n, columns) drawn with replacement."""
     return np.concatenate([weight @ values for weight in _weights(len(values), seed)])
 
 
 def wilson_interval(successes: float, n: float, *, level: float = LEVEL) -> Interval:
-    """Wilson's score interval of a rate: sensible at 0 and at 1, where the textbook's has no width.
+    """Wilson's score interval of a rate, valid also at 0 and 1, where the Wald interval has no width.
 
-    Source: E. B. Wilson, JASA 22 (1927). Numbers that are no integers are effective ones (`rate_interval`).
+    Source: E. B. Wilson, JASA 22 (1927). Non-integer numbers are effective sample sizes (`rate_interval`).
     """
     if n == 0:
         return Interval(None, None, None, 0, "no samples")
@@ -258,13 +258,13 @@ def wilson_interval(successes: float, n: float, *, level: float = LEVEL) -> Inte
     rate = successes / n
     middle = (rate + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n))
-    # At 0 and at 1 one end is the rate itself, which rounding would miss by 1e-17.
+    # At 0 and 1 one end is the rate itself, which rounding would miss by 1e-17.
     low, high = (0.0 if successes == 0 else middle - half), (1.0 if successes == n else middle + half)
     return Interval(rate, low, high, round(n), "Wilson")
 
 
 def rate_interval(success: ArrayLike, clusters: ArrayLike, *, level: float = LEVEL) -> Interval:
-    """Wilson's interval of a rate whose outcomes come by frames.
+    """Wilson's interval of a rate whose outcomes are clustered by frame.
 
     Parameters
     ----------
@@ -275,9 +275,9 @@ def rate_interval(success: ArrayLike, clusters: ArrayLike, *, level: float = LEV
 
     Notes
     -----
-    Outcomes of one frame are alike, and count for fewer: their number is divided by the design effect, the variance of
-    the rate between frames over that of as many independent outcomes, never below one. Where all outcomes are equal no
-    variance tells, and a frame counts once. Source: J. N. K. Rao and A. J. Scott, Biometrics 48 (1992).
+    Outcomes of one frame are correlated: their number is divided by the design effect, the variance of the rate between
+    frames over that of the same number of independent outcomes, at least one. If all outcomes are equal, the variance
+    gives no information, and a frame counts once. Source: J. N. K. Rao and A. J. Scott, Biometrics 48 (1992).
     """
     hit = np.asarray(success, dtype=bool)
     n = len(hit)
@@ -294,12 +294,12 @@ def rate_interval(success: ArrayLike, clusters: ArrayLike, *, level: float = LEV
             variance = frames / (frames - 1) * float(np.sum(residual**2)) / n**2
             effect = max(1.0, variance / (rate * (1 - rate) / n))
     found = wilson_interval(rate * n / effect, n / effect, level=level)
-    # The rate itself, without the rounding of the effective numbers.
+    # The exact rate, without the rounding of the effective numbers.
     return Interval(rate, found.low, found.high, frames, "Wilson")
 
 
 def holm(p_values: ArrayLike) -> Array:
-    """p-values adjusted for a family, so that any below alpha keeps the family's error below alpha.
+    """p-values adjusted for a family: rejecting those below alpha keeps the family-wise error below alpha.
 
     Source: S. Holm, A simple sequentially rejective multiple test procedure, Scand. J. Stat. 6 (1979).
 

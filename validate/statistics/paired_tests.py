@@ -1,6 +1,6 @@
 """Paired tests of two methods on the same frames, with the detectable effect.
 
-Frames are paired: each has its own difficulty, which cancels. Errors come divided by their frame's own Cramer-Rao
+Frames are paired, so that their individual difficulty cancels. Errors must be divided by their frame's own Cramer-Rao
 bound, so that no frame outweighs the others.
 """
 
@@ -17,14 +17,14 @@ from scipy import stats
 Array = NDArray[np.float64]
 
 _RESAMPLES = 2000
-# Draws of so many rows are kept in memory, 100 MB at most.
+# Draws for up to this many rows are cached in memory, at most 100 MB.
 _KEPT = 6000
 _POWER = 0.95
 
 
 @dataclass(frozen=True)
 class PairedTest:
-    """Outcome of one comparison, new against old.
+    """Result of one comparison, new against old.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class PairedTest:
         Positive is worse: log of the ratio of RMS errors, a shift, or a difference of rates.
     standard_error : float
     p_value : float
-        One-sided, of no loss at all.
+        One-sided, for the null hypothesis of no loss.
     n : int
-        Pairs that it rests on.
+        Number of pairs.
     detectable : float
-        The effect that these pairs would show at `alpha` in 95 of 100 cases: the power of the set.
+        The effect that these pairs would show at `alpha` in 95 of 100 cases, a measure of the set's power.
     """
 
     effect: float
@@ -47,10 +47,10 @@ class PairedTest:
 
 
 def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 0) -> PairedTest:
-    """Whether the RMS of paired errors has grown: log ratio, with a bootstrap over frames for its spread.
+    """Test whether the RMS of paired errors has grown: log ratio, with its standard deviation by bootstrap over frames.
 
-    The ratio of RMS is used and not the mean of log ratios: a log ratio is ruled by the frames in which an error
-    happened to be small, and says little of the large ones.
+    The ratio of RMS is used instead of the mean of log ratios, which is dominated by frames in which an error happened
+    to be small, and contains little information on the large ones.
 
     Parameters
     ----------
@@ -79,16 +79,16 @@ def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 
         effect = math.inf if total_new > 0 else -math.inf
         return PairedTest(effect, 0.0, float(total_new == 0.0), len(a), 0.0)
     effect = 0.5 * math.log(total_new / total_old)
-    # The log of the ratio is near enough to normal for its spread to be all that is asked of the bootstrap.
+    # The logarithm of the ratio is close to normal, so only its standard deviation is bootstrapped.
     draws = _resampled(np.stack([power_new, power_old], axis=1), seed)
     error = float(np.std(0.5 * np.log(draws[:, 0] / draws[:, 1]), ddof=1))
     return _tested(effect, error, len(a), alpha)
 
 
 def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
-    """Whether the mean of a signed error has moved, in either direction: paired t.
+    """Test whether the mean of a signed error has moved, in either direction: paired t-test.
 
-    A shift common to all frames hides in the RMS of an error that is much larger; it does not hide in its mean.
+    A shift common to all frames is not visible in the RMS of a much larger error, but it is in its mean.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
 
 
 def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
-    """Whether fewer frames succeed than before: exact one-sided McNemar on the frames that changed.
+    """Test whether fewer frames succeed than before: exact one-sided McNemar test on the frames that changed.
 
     Source: Q. McNemar, Note on the sampling error of the difference between correlated proportions, Psychometrika 12
     (1947), with the binomial distribution in place of its chi-square.
@@ -127,14 +127,14 @@ def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     n = len(a)
     error = math.sqrt(lost + won) / n
     p = float(stats.binomtest(lost, lost + won, 0.5, alternative="greater").pvalue) if lost + won else 1.0
-    # With nothing but losses, so many in a row are beyond chance; half of the real ones may go unseen at that many.
+    # With only losses, this number is beyond chance; at this number half of the real losses may be missed.
     needed = math.ceil(math.log2(1.0 / alpha)) if alpha < 1 else 1
     detectable = float(stats.gamma.isf(1 - _POWER, needed)) / n
     return PairedTest((lost - won) / n, error, p, n, detectable)
 
 
 def detectable_effect(standard_error: float, alpha: float) -> float:
-    """The effect that a one-sided test at `alpha` shows in 95 of 100 cases."""
+    """The effect that a one-sided test at `alpha` detects in 95 of 100 cases."""
     return float((stats.norm.isf(alpha) + stats.norm.ppf(_POWER)) * standard_error)
 
 
@@ -154,7 +154,7 @@ def _resampled(values: Array, seed: int) -> Array:
     n = len(values)
     if n <= _KEPT:
         return np.asarray(_draws(n, _RESAMPLES, seed) @ values)
-    # The same draws, a few resamples at a time: memory stays bounded whatever the number of rows.
+    # The same draws, a few resamples at a time, which bounds the memory for any number of rows.
     generator = np.random.default_rng(seed)
     chance = np.full(n, 1.0 / n)
     return np.stack([generator.multinomial(n, chance) @ values for _ in range(_RESAMPLES)])
@@ -162,7 +162,7 @@ def _resampled(values: Array, seed: int) -> Array:
 
 @lru_cache(maxsize=2)
 def _draws(n: int, resamples: int, seed: int) -> Array:
-    """How often each of n rows is drawn: (resamples, n). A family of tests on the same frames shares it."""
+    """Number of draws of each of n rows: (resamples, n). A family of tests on the same frames shares them."""
     generator = np.random.default_rng(seed)
     return generator.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
 

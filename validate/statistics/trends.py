@@ -1,11 +1,11 @@
-"""Slopes, means and ratios of errors, and whether they lie in the region that a claim asks for.
+"""Slopes, means and ratios of errors, and whether they are in the region required by a claim.
 
 An error's mean is modelled as proportional to a power of the distance, E[e] = exp(a_tilt + b ln r), and fitted to the
-frames by the gamma quasi-likelihood: it asks of the errors only that their spread grows with their mean. Logarithms of
-single errors are never taken (a frame that happens to be near zero would rule them), and no bins are needed.
-Each statistic carries the influence of every frame on it. Sums of their squares give its spread whatever the law of
-the errors, as a bootstrap over frames would (the tests compare the two), without its noise and in a thousandth of the
-time; and the influences of two statistics of the same frames subtract, so that comparisons are paired.
+frames by the gamma quasi-likelihood, which only assumes that the standard deviation of errors grows with their mean.
+Logarithms of single errors are never taken (a frame with an error near zero would dominate them), and no bins are
+needed. Each statistic stores the influence of every frame on it. The sum of their squares gives its variance for any
+distribution of the errors, like a bootstrap over frames (the tests compare the two) but without its noise and in a
+thousandth of the time. The influences of two statistics of the same frames subtract, so comparisons are paired.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LEVEL = 0.95
-# Smaller than rounding: a statistic of noise-free frames has no spread.
+# Smaller than rounding: a statistic of noise-free frames has a standard error of zero.
 _NOTHING = 1e-12
 
 
@@ -35,11 +35,11 @@ class Estimate:
     ----------
     value : float
     influence : (frames,) array
-        How much each frame moves the value; zero for frames that it does not rest on.
+        Influence of each frame on the value; zero for frames that are not used.
     df : int
-        Degrees of freedom of its spread.
+        Degrees of freedom of its standard error.
     n : int
-        Circles that it rests on.
+        Number of circles used.
     """
 
     value: float
@@ -78,12 +78,12 @@ class Estimate:
 
 
 def mean_of(values: Array, frame: Index) -> Estimate | None:
-    """Mean over circles; those of one frame count as one draw.
+    """Mean over circles; those of one frame count as one sample.
 
     Parameters
     ----------
     values : (n,) array
-        NaN where a circle has no say.
+        NaN for circles that are not used.
     frame : (n,) array
         Number of each circle's frame, from 0.
 
@@ -108,29 +108,29 @@ def log_slope(values: Array, at: Array, stratum: Index, frame: Index) -> Estimat
     Parameters
     ----------
     values : (n,) array
-        Errors, not negative; NaN is left out.
+        Non-negative errors; NaN is left out.
     at : (n,) array
-        Positive: distances.
+        Positive distances.
     stratum : (n,) array of int
         Tilts: each has its own level, the slope is common.
     frame : (n,) array of int
-        Frames are independent; circles of one frame need not be.
+        Frames are independent; circles of one frame may be correlated.
 
     Returns
     -------
     Estimate or None
-        None where the frames determine no slope.
+        None if the frames do not determine a slope.
 
     Notes
     -----
     P. McCullagh and J. A. Nelder, Generalized Linear Models, 2nd ed. (1989), chapters 8 and 9: quasi-likelihood with
-    variance proportional to the squared mean. Spread: K.-Y. Liang and S. L. Zeger, Biometrika 73 (1986).
+    variance proportional to the squared mean. Variance: K.-Y. Liang and S. L. Zeger, Biometrika 73 (1986).
     """
     return _fitted(values, at, stratum, frame, None)
 
 
 def log_ratio(values: Array, at: Array, stratum: Index, frame: Index, first: int, second: int) -> Estimate | None:
-    """Logarithm of the ratio of two strata's errors at like distance: a_first - a_second of `log_slope`'s model."""
+    """Logarithm of the ratio of two strata's errors at equal distance: a_first - a_second of `log_slope`'s model."""
     return _fitted(values, at, stratum, frame, (first, second))
 
 
@@ -168,7 +168,7 @@ def _by_frame(influence: Array, of: Index, every: Index) -> Array:
 
 
 def _solved(y: Array, x: Array) -> Array | None:
-    """Coefficients of ln E[y] = x beta by Fisher's scoring; None where it does not settle."""
+    """Coefficients of ln E[y] = x beta by Fisher scoring; None if it does not converge."""
     beta = np.linalg.lstsq(x, np.full(len(y), math.log(y.mean())), rcond=None)[0]
     for _ in range(200):
         step = np.linalg.solve(x.T @ x, x.T @ (y * np.exp(-x @ beta) - 1.0))
@@ -181,17 +181,17 @@ def _solved(y: Array, x: Array) -> Array | None:
 
 @dataclass(frozen=True)
 class Decision:
-    """Where a statistic lies: inside the region of a claim or outside, and how surely.
+    """Whether a statistic is inside the region of a claim, and with what certainty.
 
     Attributes
     ----------
     inside : bool
-        Of the estimate itself.
+        Whether the estimate itself is inside.
     p : float
-        Two-sided, of the nearest border of the region: the chance of being so far beyond it from just on the other
-        side of it.
+        Two-sided, for the nearest border of the region: the chance of an estimate this far beyond it if the true value
+        is just on the other side.
     estimate : Estimate
-        The statistic, or of several the one that decides.
+        The statistic, or the deciding one of several.
     """
 
     inside: bool
@@ -200,7 +200,7 @@ class Decision:
 
 
 def decide(estimate: Estimate, low: float = -math.inf, high: float = math.inf) -> Decision:
-    """Whether a statistic lies in [low, high]."""
+    """Whether a statistic is in [low, high]."""
     e, error = estimate, estimate.error
 
     def tail(distance: float) -> float:
@@ -210,21 +210,21 @@ def decide(estimate: Estimate, low: float = -math.inf, high: float = math.inf) -
         return float(stats.t.sf(distance / error, e.df))
 
     if low <= e.value <= high:
-        # Two one-sided tests: it must be clear of both borders.
+        # Two one-sided tests: it must be inside both borders.
         return Decision(True, min(1.0, 2.0 * max(tail(e.value - low), tail(high - e.value))), e)
     return Decision(False, min(1.0, 2.0 * tail(max(low - e.value, e.value - high))), e)
 
 
 def decide_all(estimates: Sequence[Estimate], low: float = -math.inf, high: float = math.inf) -> Decision:
-    """Whether every one of several statistics lies in [low, high].
+    """Whether all of several statistics are in [low, high].
 
-    All are inside only if the least sure one is (R. L. Berger's intersection-union test, Technometrics 24, 1982: no
-    correction). One outside is enough to refuse it, and has to stand Bonferroni's correction.
+    All are inside only if the least certain one is (R. L. Berger's intersection-union test, Technometrics 24, 1982: no
+    correction). A single one outside is enough to reject, with Bonferroni's correction.
     """
     found = [decide(e, low, high) for e in estimates]
     outside = [d for d in found if not d.inside]
     if not outside:
-        # Far from every border all p are zero: then the nearest to one, in standard errors, is the least sure.
+        # Far from every border all p are zero; then the nearest to a border, in standard errors, is the least certain.
         return max(found, key=lambda d: (d.p, -_clearance(d.estimate, low, high)))
     worst = min(outside, key=lambda d: d.p)
     return Decision(False, min(1.0, worst.p * len(found)), worst.estimate)

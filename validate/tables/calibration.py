@@ -33,7 +33,7 @@ _CAMERA = (
 
 
 def calibrations_of(summary: Summary) -> list[dict[str, Any]]:
-    """Every calibration of a report once: that from all views, and those from some."""
+    """Every calibration of a report once: the one from all views and those from fewer."""
     records = [*(summary.calibrations), *([summary.calibration] if summary.calibration else [])]
     found: list[dict[str, Any]] = []
     for record in records:
@@ -44,16 +44,16 @@ def calibrations_of(summary: Summary) -> list[dict[str, Any]]:
 
 
 def calibration_tables(summary: Summary) -> list[Table]:
-    """Two tables: residuals, and errors of the cameras where they can be told."""
+    """Two tables: residuals, and errors of the cameras where they are known."""
     records = calibrations_of(summary)
     residuals = (
-        "RMS: of calibrateCamera's residuals, and computed anew from its result. Corner offset: found minus true, mean "
-        "over all corners, in the delivered image."
+        "RMS: of calibrateCamera's residuals; checked: recomputed from its result. Corner offset: detected minus true, "
+        "mean over all corners, in the delivered image."
     )
     camera = (
-        "Calibrated minus true. Projection: how far the same ray lands from its true pixel, over a grid of what both "
-        "cameras see; then with the rotation removed that brings the two nearest, since a calibration may trade "
-        "principal point for rotation. Where the true lens has terms that the calibration has not, only projection is "
+        "Calibrated minus true. Projection: distance between the projections of the same ray, over a grid of the field "
+        "of view that both cameras share; then with the best-fit rotation removed, because a calibration may trade "
+        "principal point for rotation. If the true lens has terms that the calibration lacks, only projection is "
         "compared."
     )
     known = [r for r in records if "projection_mean_px" in r]

@@ -11,7 +11,7 @@ _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis"}
 
 
 def benefit_table(record: dict[str, Any] | None) -> Table:
-    """A row a part of the image and a kind of intrinsics, from summary["worth"]; no rows where there is none."""
+    """One row per part of the image and kind of intrinsics, from summary["worth"]; empty if there is no record."""
     rows: dict[tuple[str, str], list[Cell]] = {}
     columns = [Column("frames", "Circles"), Column("intrinsics", "Intrinsics")]
     for i, metric in enumerate(HEADLINE):
@@ -28,10 +28,10 @@ def benefit_table(record: dict[str, Any] | None) -> Table:
                 row += [entry["value"], entry["low"], entry["high"], *(gain.get(k) for k in ("value", "low", "high"))]
     record = record or {"calibrated": "", "on_axis_deg": 0.0}
     note = (
-        "Median error of the better candidate, in brackets its 95 % interval, over what was solved. Gain: that median "
-        f"over the one with {record['calibrated']}, circles drawn in pairs. On the axis: the circle's centre within "
-        f"{record['on_axis_deg']:g} deg of it. Camera frame; reprojection in the delivered image, a 3x3 grid around "
-        "the circle. chessboard: the circle as the board beside it places it, by solvePnP."
+        "Median error of the better candidate over the solved circles, with its 95 % interval in brackets. Gain: that "
+        f"median over the one with {record['calibrated']}, by paired bootstrap. On the axis: the circle's centre is "
+        f"within {record['on_axis_deg']:g} deg of it. Camera frame; reprojection in the delivered image, a 3x3 grid "
+        "around the circle. chessboard: the circle's pose from the board beside it, by solvePnP."
     )
     return Table(
         "worth", "Benefit of calibration, by intrinsics", tuple(columns), tuple(map(tuple, rows.values())), note

@@ -36,16 +36,16 @@ _FRAME = (
     "Camera frame (x right, y down, z forward), pixels of the delivered image with (0, 0) at the centre of the "
     "top-left one. D: outer diameter. Along the ray: positive is too far."
 )
-_STATISTIC = "Median, in brackets its 95 % interval, after the slash the 95th percentile, over what was solved."
-_ORACLE = "Oracle: of the two candidate poses the one whose normal is nearer to the true one, for every column."
+_STATISTIC = "Median over the solved circles, with its 95 % interval in brackets; after the slash the 95th percentile."
+_ORACLE = "Oracle: the candidate pose whose normal is nearer to the truth, used in every column."
 
-# What a table of runs shows.
+# The errors that a table of runs shows.
 _ERRORS = (NORMAL, POSITION, POSITION_D, ALONG_RAY, REPROJECTION)
 _CENTRES = (("oracle", CENTRE_IMAGE, "To the circle's"), ("ellipse", ELLIPSE_CENTRE, "To the ellipse's"))
 
 
 def report_tables(summary: Summary) -> dict[str, Table]:
-    """Every table of a report that has something to say, by name."""
+    """Every table of a report that is not empty, by name."""
     runs = summary.runs
     grid = _grid(summary)
     mine = [r for r in runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
@@ -55,8 +55,8 @@ def report_tables(summary: Summary) -> dict[str, Table]:
         "half the board's longer side."
     )
     against = (
-        f"{_STATISTIC} The reference is the pose that solvePnP gives the board, carried to the circle by the sheet's "
-        f"drawing; the candidate whose normal is nearer to the reference's. {_FRAME} {grid}"
+        f"{_STATISTIC} The reference is the board's pose by solvePnP, transferred to the circle by the layout of the "
+        f"target sheet; errors are those of the candidate whose normal is nearer to the reference. {_FRAME} {grid}"
     )
     chosen_note = (
         f"{_STATISTIC} The candidate that the solver chose; circles without a choice are left out. {_FRAME} {grid}"
@@ -88,16 +88,16 @@ def _grid(summary: Summary) -> str:
 
 
 def result_table(runs: Sequence[Run], summary: Summary, first: Sequence[str] = ()) -> Table:
-    """Runs against the truth, of one report or of several whose settings are those of `summary`."""
+    """Runs against the truth, of one report or of several with the settings of `summary`."""
     note = f"{_STATISTIC} {_ORACLE} {_FRAME} {_grid(summary)}"
     return run_table("results", "Errors of the better candidate", runs, "oracle", note, first)
 
 
 def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str, first: Sequence[str] = ()) -> Table:
-    """Runs and their errors; `first` names keys of the runs that stand before the method."""
+    """Runs and their errors; `first` names keys of the runs that precede the method."""
     names = [*first] + ["method", "intrinsics"] + ["group"] * any("group" in r for r in runs)
     errors = [_errors(runs, "ellipse" if e.of == "ellipse" else which, e) for e in (*_ERRORS, CONTOUR)]
-    # A page is not wide enough for everything: diameters are for files.
+    # A page is not wide enough for all columns: errors in diameters are only in the files.
     errors = [
         ([replace(c, role="file") for c in more] if more and more[0].unit == POSITION_D.unit else more, cells)
         for more, cells in errors
@@ -119,7 +119,7 @@ def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str,
         for row, cell in zip(rows, cells, strict=True):
             row += cell
     if which == "oracle" and any(r.get("false_detections") is not None for r in runs):
-        columns += [Column("false_detections", "False", "count")]
+        columns += [Column("false_detections", "False positives", "count")]
         for row, run in zip(rows, runs, strict=True):
             row.append(run.get("false_detections"))
     if which == "chosen":
@@ -127,23 +127,23 @@ def run_table(name: str, title: str, runs: Sequence[Run], which: str, note: str,
         for row, run in zip(rows, runs, strict=True):
             row += [run["branch_correct"], run["branch_chosen"]]
     if any(c.key == "false_detections" for c in columns):
-        note += " False: detections of no marker."
+        note += " False positives: detections that match no marker."
     return Table(name, title, tuple(columns), tuple(map(tuple, rows)), note)
 
 
 def centre_table(runs: Sequence[Run]) -> Table:
-    """How far centres are off, of all runs, where one of them found circles and gave no pose."""
+    """Centre errors of all runs; empty unless a run found circles without giving a pose."""
     columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("found", "Found"),
                Column("circles", "", role="of")]  # fmt: skip
     rows: list[list[Cell]] = [[r["method"], r["intrinsics"], r.get("detected"), r["n"]] for r in runs]
     for which, error, title in _CENTRES:
         more, cells = _errors(runs, which, error, title)
         columns += more
-        for row, cell in zip(rows, cells or [[]] * len(rows), strict=True):  # no run has this error: no columns
+        for row, cell in zip(rows, cells or [[]] * len(rows), strict=True):  # without this error there are no columns
             row += cell
     note = (
-        f"{_STATISTIC.replace('solved', 'found')} To the image of the circle's centre, and to the centre of its "
-        "ellipse, which perspective moves away from it: a method that gives the one is judged by that column. "
+        f"{_STATISTIC.replace('solved', 'found')} Distance to the image of the circle's centre, and to the centre of "
+        "its ellipse; perspective separates the two. Judge a method by the column of the point that it estimates. "
         "Delivered image."
     )
     shown = tuple(map(tuple, rows)) if any(map(detected_without_pose, runs)) else ()
@@ -156,12 +156,12 @@ def _percent(run: Run, end: str) -> float | None:
 
 
 def _errors(runs: Sequence[Run], which: str, error: Metric, title: str = "") -> tuple[list[Column], list[list[Cell]]]:
-    """Columns and cells of one error, under its own title if none is given; none if no run has it."""
+    """Columns and cells of one error, with its own title by default; empty if no run has it."""
     title, sign = title or error.title, error.signed
     found = [run[which].get(error.column) or {"n": 0} for run in runs]
     if not any(s["n"] for s in found):
         return [], []
-    # The sign of an error along the ray is what its 95th percentile, of magnitudes, would hide.
+    # A 95th percentile of magnitudes would hide the sign of an error along the ray.
     kinds = [("median", ""), ("median_low", "low"), ("median_high", "high"), ("p95", "file" if sign else "tail")]
     kinds += [(name, "file") for name in ("p95_low", "p95_high", "rms", "rms_low", "rms_high", "n")]
     kinds = [k for k in kinds if any(s.get(k[0]) is not None for s in found)]
@@ -175,13 +175,13 @@ def _errors(runs: Sequence[Run], which: str, error: Metric, title: str = "") -> 
 
 
 def verdict_table(verdicts: Sequence[dict[str, Any]]) -> Table:
-    """The claims and what became of them."""
+    """The claims and their outcomes."""
     columns = (
-        Column("claim", "Claim"), Column("outcome", "Outcome"), Column("sentence", "What was found"),
+        Column("claim", "Claim"), Column("outcome", "Outcome"), Column("sentence", "Finding"),
         Column("condition", "Condition"), Column("statistic", "Statistic"),
     )  # fmt: skip
     rows = tuple(tuple(_text(v.get(c.key)) for c in columns) for v in verdicts)
-    return Table("verdicts", "Verdicts", columns, rows, "Units and statistic stand in each sentence.")
+    return Table("verdicts", "Verdicts", columns, rows, "Each sentence gives the statistic and its unit.")
 
 
 def _text(value: Any) -> Cell:
@@ -193,7 +193,7 @@ def _text(value: Any) -> Cell:
 
 
 def failure_table(summary: Summary) -> Table:
-    """Failures, the intrinsics that share them in one row: detection comes before intrinsics, so most do."""
+    """Failures; intrinsics that share them are in one row, as most do because detection does not use intrinsics."""
     grouped: dict[tuple[Any, ...], list[str]] = {}
     for f in summary.failures:
         grouped.setdefault((f["method"], f["reference"], f["reason"], f["count"]), []).append(f["intrinsics"])
@@ -204,15 +204,15 @@ def failure_table(summary: Summary) -> Table:
     rows = tuple((m, ", ".join(labels), ref, why, n) for (m, ref, why, n), labels in grouped.items())
     settings = summary.settings
     note = (
-        "Circles without an error, by reason. A detection belongs to a circle when their contours in the delivered "
-        f"image lie within {settings['gate_px']:g} px or {100 * settings['gate_fraction_of_minor_semi_axis']:g} % of "
-        "the minor semi-axis in the mean."
+        "Circles without an error, by reason. A detection matches a circle if the mean distance of their contours in "
+        f"the delivered image is within {settings['gate_px']:g} px or "
+        f"{100 * settings['gate_fraction_of_minor_semi_axis']:g} % of the minor semi-axis."
     )
     return Table("failures", "Failures", columns, rows, note)
 
 
 def cell_table(cells: Sequence[Run]) -> Table:
-    """The numbers of the figures over a grid."""
+    """The numbers behind the figures over a grid."""
     texts = ("method", "intrinsics", "reference", "group")
     errors = [metric for metric in _ERRORS if not metric.signed]
     columns = (
@@ -237,9 +237,9 @@ def metric_table(metrics: Sequence[dict[str, Any]]) -> Table:
         *([Column("source", "Source")] if any(m.get("source") for m in metrics) else []), Column("column", "Column"),
     )  # fmt: skip
     note = (
-        "Camera frame: x right, y down, z forward, metres. The normal points out of the printed face, to the camera's "
-        "side. The centre of the top-left pixel is (0, 0). Columns are those of scores.parquet; with the prefix "
-        "oracle_ they are of the better candidate."
+        "Camera frame: x right, y down, z forward, metres. The normal points out of the printed face, toward the "
+        "camera. The centre of the top-left pixel is (0, 0). Columns are those of scores.parquet; the prefix oracle_ "
+        "marks the better candidate."
     )
     return Table(
         "definitions", "Definitions", columns, tuple(tuple(m.get(c.key) for c in columns) for m in metrics), note
@@ -247,16 +247,16 @@ def metric_table(metrics: Sequence[dict[str, Any]]) -> Table:
 
 
 def pairs_table(name: str, title: str, heads: tuple[str, ...], rows: Sequence[tuple[Any, ...]], note: str) -> Table:
-    """Lines of text under their heads: settings, versions, checksums."""
+    """A table of plain text: settings, versions, checksums."""
     columns = tuple(Column(head.lower().replace(" ", "_"), head) for head in heads)
     return Table(name, title, columns, tuple(rows), note)
 
 
 def fidelity_table(measured: dict[str, Any] | None) -> Table:
-    """How far the images are from a prediction: over all circles, then by effect if there are several."""
+    """Differences of the images from a prediction: over all circles, then by effect if there are several."""
     measured = measured or {}
     effects = measured.get("by_effect", {}) if measured.get("circles") else {}
-    every = [("every one" if len(effects) != 1 else next(iter(effects)), measured)] if measured.get("circles") else []
+    every = [("all" if len(effects) != 1 else next(iter(effects)), measured)] if measured.get("circles") else []
     rows = every + (list(effects.items()) if len(effects) > 1 else [])
     shifts = (("shift_x_px", "Shift x"), ("shift_y_px", "Shift y"), ("scale_px", "Size"))
     columns = [Column("effect", "Effect at the edge"), Column("circles", "Circles", "count")]
@@ -277,9 +277,9 @@ def fidelity_table(measured: dict[str, Any] | None) -> Table:
             (name.replace("_", " "), f["circles"], *means, 100 * f["residual"], 100 * f["monte_carlo"], passed)
         )
     note = (
-        "Image against a prediction in float64 that shares only the camera's forward projection with the renderer, "
-        "measured when the dataset was made, in pixels of the delivered image: mean over the circles and its 95 % "
-        "interval, what is left at the edge, and how many circles' pixels differ from the prediction by their "
+        "Image against a float64 prediction that shares only the camera's forward projection with the renderer, "
+        "measured when the dataset was made, in pixels of the delivered image: mean over the circles with its 95 % "
+        "interval, residual at the edge, and the number of circles whose pixels differ from the prediction by their "
         "Monte-Carlo error alone (level 1 %)."
     )
     last = fidelity_lines(measured or None)[-1]

@@ -13,7 +13,7 @@ _RUN = (Column("method", "Method"), Column("intrinsics", "Intrinsics"))
 
 
 def statistics_tables(summary: Summary, runs: Sequence[dict[str, Any]]) -> list[Table]:
-    """The tables that a summary has something for, of the runs against the truth."""
+    """The tables of the runs against the truth that are not empty."""
     found = [
         efficiency_table(runs),
         recall_table(runs),
@@ -24,7 +24,7 @@ def statistics_tables(summary: Summary, runs: Sequence[dict[str, Any]]) -> list[
 
 
 def efficiency_table(runs: Sequence[dict[str, Any]]) -> Table:
-    """Errors over the bounds of their own frames."""
+    """Errors divided by the Cramer-Rao bounds of their own frames."""
     columns = list(_RUN)
     errors = [metric.name for metric in BOUNDED]
     for key, metric in zip(errors, BOUNDED, strict=True):
@@ -38,15 +38,16 @@ def efficiency_table(runs: Sequence[dict[str, Any]]) -> Table:
         if any(cells):
             rows.append((run["method"], run["intrinsics"], *cells))
     note = (
-        "RMS over the circles of each error divided by the Cramer-Rao bound of its own frame, in brackets its 95 % "
-        "interval. About 1 is the best that an unbiased method can do with these pixels; wrong intrinsics, and "
-        "an image that holds less than the bound assumes, make it larger. Oracle candidate; the units cancel."
+        "RMS over the circles of each error divided by the Cramer-Rao bound of its own frame, with its 95 % interval "
+        "in brackets. About 1 is the best that an unbiased method can do with these pixels; wrong intrinsics, and an "
+        "image with less information than the bound assumes, increase it. Oracle: the candidate nearer to the truth. "
+        "The units cancel."
     )
     return Table("efficiency", "Errors over their Cramer-Rao bounds", tuple(columns), tuple(rows), note)
 
 
 def recall_table(runs: Sequence[dict[str, Any]]) -> Table:
-    """Share of the circles whose error is below a threshold; what was not solved is not below any."""
+    """Share of the circles whose error is below a threshold; unsolved circles are never below it."""
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         for which, errors in (run.get("recall") or {}).items():
@@ -67,14 +68,14 @@ def recall_table(runs: Sequence[dict[str, Any]]) -> Table:
         Column("circles", "Circles", "count"),
     )
     note = (
-        "Share of all circles, solved or not, whose error is at most the threshold; in brackets its 95 % interval "
-        "(Wilson). Oracle: the candidate whose normal is nearer to the true one. Errors as defined below."
+        "Share of all circles, solved or not, whose error is at most the threshold, with its 95 % Wilson interval in "
+        "brackets. Oracle: the candidate whose normal is nearer to the truth. Errors are defined below."
     )
     return Table("recall", "Recall at thresholds", columns, tuple(rows), note)
 
 
 def main_table(comparisons: Sequence[dict[str, Any]]) -> Table:
-    """Every run beside the one that the report leads with."""
+    """Every other run compared with the main run."""
     columns = (
         *_RUN,
         Column("error", "Error"),
@@ -91,14 +92,14 @@ def main_table(comparisons: Sequence[dict[str, Any]]) -> Table:
         if c["reference"] == "truth"
     )
     note = (
-        "Paired by circle. Ratio of the RMS errors, in brackets its 95 % interval by bootstrap over frames; p: Holm "
-        "over the report. Units cancel; columns of scores.parquet."
+        "Paired by circle. Ratio of the RMS errors, with its 95 % interval by bootstrap over frames in brackets; p: "
+        "Holm-corrected over the report. Units cancel; columns of scores.parquet."
     )
     return Table("against_main", "Runs compared with the main run", columns, rows, note)
 
 
 def power_table(summary: Summary) -> Table:
-    """The change of an error that these frames could show."""
+    """The change of an error that these frames can detect."""
     columns = (
         *_RUN,
         Column("error", "Error"),

@@ -11,16 +11,16 @@ from roundel.validate.scores.summary import number
 
 Cell = str | int | float | None
 
-# A page's cell wraps beyond this; a name is cut beyond that. No name of ours is nearly as long.
+# Lengths at which a cell wraps, a name is truncated and a text is truncated. Roundel's own names are much shorter.
 _PROSE, NAME_LIMIT, TEXT_LIMIT = 44, 80, 2000
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column's key (snake_case, with the unit), its title for people, and the unit they read.
+    """A column: its key (snake_case, with the unit), its displayed title and its displayed unit.
 
-    `role` joins a column to the last one of its own, for people: `of` (35 / 36), `tail` (a second statistic after a
-    slash), `low` and `high` (an interval in brackets), `file` (in CSV alone). A `signed` number always has its sign.
+    `role` joins a column to the preceding column without a role: `of` (35 / 36), `tail` (a second statistic after a
+    slash), `low` and `high` (an interval in brackets), `file` (only in CSV). A `signed` number always shows its sign.
     """
 
     key: str
@@ -32,7 +32,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: plain values row by row (None where there is none), and a note that says frame, units and statistic."""
+    """A table: plain values row by row (None if missing), and a note that states frame, units and statistic."""
 
     name: str
     title: str
@@ -43,7 +43,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Shown:
-    """A cell for people: its value, a second one after a slash, and an interval."""
+    """A cell as displayed: its value, a second value after a slash, and an interval."""
 
     value: str
     tail: str
@@ -51,37 +51,37 @@ class Shown:
     kind: str
 
     def text(self) -> str:
-        """All of it in one line."""
+        """The cell as one line."""
         return " ".join(part for part in (self.value, self.interval, self.tail and f"/ {self.tail}") if part)
 
 
 def clean(text: str, limit: int | None = None) -> str:
-    """A user's text on one line, without characters that control or reorder what stands beside it, cut to `limit`."""
+    """A user's text on one line, without control and reordering characters, truncated to `limit`."""
     visible = "".join("\N{REPLACEMENT CHARACTER}" if _controls(c) else c for c in " ".join(text.split()))
     return visible if limit is None or len(visible) <= limit else visible[: limit - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
 def _controls(character: str) -> bool:
-    # Cc and Cf: control, bidirectional, zero width; Cs: halves of surrogates, which no file can hold.
+    # Cc and Cf: control, bidirectional, zero width; Cs: lone surrogates, which cannot be encoded.
     return unicodedata.category(character) in ("Cc", "Cf", "Cs")
 
 
 def signed(value: float | None) -> str:
-    """A number with its sign, a dash for none."""
+    """A number with its sign, or a dash for None."""
     text = number(None if value is None else abs(value))
-    # What rounds to nothing has no sign.
+    # A number that rounds to zero has no sign.
     if value is None or not text.strip("0.-"):
         return text
     return ("+" if value > 0 else "\N{MINUS SIGN}") + text
 
 
 def heads(table: Table) -> list[Column]:
-    """The columns that people see."""
+    """The columns that are displayed."""
     return [column for column in table.columns if not column.role]
 
 
 def shown_rows(table: Table) -> list[list[Shown]]:
-    """The cells that people see, row by row."""
+    """The cells that are displayed, row by row."""
     parts = _parts(table)
     kinds = [_kind([row[own] for row in table.rows]) for own, _ in parts]
     return [
@@ -91,7 +91,7 @@ def shown_rows(table: Table) -> list[list[Shown]]:
 
 
 def _kind(cells: Sequence[Cell]) -> str:
-    """Of a column: a number, a text on one line, or one that wraps."""
+    """Kind of a column: number, text on one line, or text that wraps."""
     texts = [cell for cell in cells if isinstance(cell, str)]
     return "number" if not texts else "prose" if max(map(len, texts)) > _PROSE else "text"
 
@@ -121,7 +121,7 @@ def _shown(table: Table, row: tuple[Cell, ...], own: int, more: dict[str, int], 
 
 
 def formatted(value: Any, sign: bool = False) -> str:
-    """A cell's value for people."""
+    """A cell's value as displayed."""
     if value is None:
         return "-"
     if isinstance(value, str):

@@ -13,7 +13,7 @@ from roundel.validate.tables.table import Cell, Table, clean, heads, shown_rows
 
 FOLDER = "tables"
 
-# A spreadsheet takes a cell that begins so for a formula.
+# Spreadsheets interpret a cell that begins with one of these as a formula.
 _FORMULA = ("=", "+", "-", "@")
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]()#+!|~$-])")
 _LATEX = {
@@ -26,9 +26,9 @@ _LATEX = {
 
 
 def csv_text(table: Table) -> str:
-    """CSV (RFC 4180, UTF-8, LF): one plain value a cell, units in the keys of the head, missing values are empty.
+    """CSV (RFC 4180, UTF-8, LF): one plain value per cell, units in the header keys, missing values are empty.
 
-    Text that a spreadsheet would take for a formula has an apostrophe before it.
+    Text that a spreadsheet would interpret as a formula is prefixed with an apostrophe.
     """
     sink = io.StringIO()
     writer = csv.writer(sink, lineterminator="\n")
@@ -63,13 +63,13 @@ def _line(cells: Sequence[str]) -> str:
 
 def _markdown(text: str) -> str:
     entities = clean(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    # A colon or a dot between letters would make a link of an address.
+    # A zero-width space before the colon or dot prevents automatic links.
     entities = re.sub(r"(?i)\b(https?|ftp|www|mailto)([:.])", r"\1&#8203;\2", entities)
     return _MARKDOWN.sub(r"\\\1", entities.replace("&#8203;", "\0")).replace("\0", "&#8203;")
 
 
 def latex_text(table: Table) -> str:
-    r"""A LaTeX table; needs `\usepackage{booktabs,textcomp}` and, for names beyond Latin letters, a font with them."""
+    r"""A LaTeX table; needs `\usepackage{booktabs,textcomp}` and, for non-Latin names, a font that has them."""
     columns, rows = heads(table), shown_rows(table)
     numbers = [all(row[i].kind == "number" for row in rows) for i in range(len(columns))]
     head = [_latex(c.title) + (f" [{_latex(c.unit)}]" if c.unit else "") for c in columns]
@@ -97,11 +97,11 @@ def write_tables(folder: Path, tables: Sequence[Table], known: Sequence[str]) ->
     Parameters
     ----------
     folder : Path
-        The report's.
+        The report's folder.
     tables : sequence of Table
-        Their names are ours: lower-case letters, digits, underscores.
+        Their names consist of lower-case letters, digits and underscores.
     known : sequence of str
-        All names that such a report may have: a table of an earlier run, which this one lacks, does not stay behind.
+        All names that such a report may have; files of tables that this run lacks are deleted.
     """
     inside = folder / FOLDER
     for name in set(known) - {table.name for table in tables}:

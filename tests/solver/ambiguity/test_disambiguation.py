@@ -280,7 +280,7 @@ def test_unknown_knowledge():
         check_knowledge(NormalPrior(np.zeros(3)))
     with pytest.raises(UsageError, match="prior"):
         check_knowledge(GreatCirclePrior(np.array([0, np.nan, 0])))
-    with pytest.raises(UsageError, match="float is no knowledge"):
+    with pytest.raises(UsageError, match="float is not a valid prior"):
         check_knowledge(0.8)
     with pytest.raises(UsageError, match="concentric circle"):
         check_knowledge(ConcentricCircle(1.2))
@@ -310,8 +310,8 @@ def test_words():
         ("flor", "did you mean floor"),
         ("normal", "write normal:X,Y,Z"),
         ("normal:1,2", "has three numbers"),
-        ("normal:0,0,0", "not zero"),
-        ("normal:0,0,1:-3", "positive spread"),
+        ("normal:0,0,0", "non-zero"),
+        ("normal:0,0,1:-3", "positive standard deviation"),
         ("normal:0,0,x", "'x' is not a number"),
         ("floor:0,1,0:5:6", "write floor"),
         ("circle:2", "between 0 and"),

@@ -210,7 +210,7 @@ def test_failures_are_falsy_and_say_why(fit, points, says):
 def test_an_open_curve_has_no_ellipse():
     failed = fit_ellipse(np.stack([np.arange(10.0), np.arange(10.0) ** 2], axis=1))
     assert isinstance(failed, FailedFit)
-    assert "without end" in failed.reason
+    assert "without bound" in failed.reason
 
 
 @pytest.mark.parametrize("sigma", [0.0, np.zeros(20), np.full(20, np.nan), -np.ones(20), np.r_[np.ones(19), np.inf]])
@@ -222,7 +222,7 @@ def test_sigmas_that_are_none(sigma):
 
 def test_other_wrong_arguments():
     points = ellipse_points(ELLIPSE, 20)
-    assert "one number a point" in fit_ellipse(points, sigma_px=np.ones(7)).reason
+    assert "one number per point" in fit_ellipse(points, sigma_px=np.ones(7)).reason
     assert "start" in fit_ellipse(points, start=[1, 2, 3, -1, 0]).reason
     assert "start" in fit_ellipse(points, start=[1, 2, 3]).reason
     with pytest.raises(ValueError, match="unknown loss"):

@@ -182,7 +182,7 @@ def test_the_answer_moves_with_the_points(turn_deg, shift, scale):
         (1e300 * ellipse_points(ELLIPSE, 9), None, "beyond"),
         (np.zeros(4), None, "array"),
         (ellipse_points(ELLIPSE, 9), np.zeros(9), "positive and finite"),
-        (ellipse_points(ELLIPSE, 9), np.ones(8), "one number a point"),
+        (ellipse_points(ELLIPSE, 9), np.ones(8), "one number per point"),
     ],
 )
 def test_failures_are_falsy_and_say_why(points, sigma, says):

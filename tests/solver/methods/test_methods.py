@@ -206,9 +206,9 @@ def test_a_report_of_centres_alone_says_that_it_has_no_poses(dataset, tmp_path):
     assert main(["validate", str(dataset.path), str(tmp_path / "est"), "--out", str(tmp_path / "report")]) == 0
     html = (tmp_path / "report" / "report.html").read_text()
     assert "Method blobs found 4 of 4 circles in 4 frames" in html
-    assert "It gives no poses. Its centres are off by" in html
+    assert "It gives no poses. The median distance of its centres is" in html
     assert "of 4 circles found, without a pose" in html
-    assert "two poses that explain it equally well" not in html
+    assert "explain one image of a circle equally well" not in html
     assert "<b>-" not in html
 
 
@@ -216,7 +216,7 @@ def test_points_are_no_image(tmp_path, capsys):
     points = make_dataset(tmp_path / "points", POINTS.replace("frames_per_cell: 4", "frames_per_cell: 1"))
     assert main(["solve", str(points.path), str(tmp_path / "est"), "--method", "blobs", "--intrinsics", "true"]) == 0
     assert {r["reason"] for r in rows_of(tmp_path / "est", "blobs")} == {
-        "blobs: needs an image, and there are only points"
+        "blobs: needs an image, but there are only points"
     }
 
 
@@ -275,17 +275,17 @@ N, C = [0.0, 0.6, -0.8], [0.0, 0.0, 0.4]
 @pytest.mark.parametrize(
     ("found", "sentence"),
     [
-        ({"x": 1}, "it is a dict, and not a roundel.solver.methods.plugin.Found"),
+        ({"x": 1}, "it is a dict, not a roundel.solver.methods.plugin.Found"),
         (Found(), "neither a pose nor an ellipse nor a centre"),
         (Found(poses=[(N, C)] * 3), "it has 3 poses"),
         (Found(poses=[N]), "its poses are not pairs|its normal has shape|too many values"),
         (Found(poses=[(N, [0, 0])]), r"its centre_m has shape \(2,\), not \(3,\)"),
-        (Found(poses=[(["a", 0, 0], C)]), "its normal is not 3 numbers"),
+        (Found(poses=[(["a", 0, 0], C)]), "its normal must be 3 numbers"),
         (Found(poses=[(N, [0, 0, np.nan])]), "its centre_m is not finite"),
         (Found(poses=[(N, [0, 0, -0.4])]), "behind the camera"),
         (Found(poses=[([0.0, -0.6, 0.8], C)]), "points away from the camera"),
         (Found(poses=[(N, [0, 0, 400.0])]), "is its centre in metres?"),
-        (Found(poses=[(N, C)], chosen=1), "chosen is 1, and it has 1 poses"),
+        (Found(poses=[(N, C)], chosen=1), "chosen is 1, but it has 1 poses"),
         (Found(ellipse=[1, 2, 3, 4, 5]), "a >= b > 0"),
         (Found(centre_px=(1, np.inf)), "its centre_px is not finite"),
         (Found(centre_px=(1, 2), confidence=2), "from 0 to 1"),

@@ -169,7 +169,7 @@ def test_more_than_the_limit_is_refused_before_it_is_decoded(tmp_path):
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 0, 0, 0, 0)
     file = tmp_path / "bomb.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", b"") + chunk(b"IEND", b""))
-    with pytest.raises(DataError, match=f"bomb.png: 60000x60000 px .* {MAX_PIXELS // 10**6} are the limit"):
+    with pytest.raises(DataError, match=f"bomb.png: 60000x60000 px .* the limit is {MAX_PIXELS // 10**6}"):
         read_photo(file)
 
 
@@ -196,7 +196,7 @@ def test_cut_short_with_sixteen_bits(tmp_path, capfd):
     for suffix in ("png", "tiff"):
         data = cv2.imencode(f".{suffix}", RNG.integers(0, 65536, (48, 64, 3), dtype=np.uint16))[1].tobytes()
         path.write_bytes(data[: len(data) // 2])
-        with pytest.raises(DataError, match=r"truncated|cut short"):
+        with pytest.raises(DataError, match="truncated"):
             read_photo(path)
     assert capfd.readouterr().err == ""
 
@@ -207,8 +207,8 @@ def test_cut_short_with_sixteen_bits(tmp_path, capfd):
         ("a.jpg", b"", "this file is empty"),
         ("a.jpg", b"hello, this is no image at all", "not an image"),
         ("a.jpg", b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "not an image"),
-        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "HEIC images are not read; export it as JPEG"),
-        ("a.CR2", b"II*\0rest", "raw files are not read"),
+        ("a.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "HEIC images are not supported; export it as JPEG"),
+        ("a.CR2", b"II*\0rest", "raw files are not supported"),
         ("a.tif", b"II*\0\x08\0\0\0\xff\xff", "a.tif: "),
         ("a.png", b"\x89PNG\r\n\x1a\n" + b"\0" * 40, "a.png: "),
     ],

@@ -81,7 +81,7 @@ def test_the_command_takes_the_first_views(
     assert "3 of 3 views" in capsys.readouterr().out
     assert json.loads(file.read_text())["calibration"]["frames"] == [0, 1, 2]
     assert main(["calibrate", str(dataset.path), str(file), "--group", "calibration", "--views", "9"]) == 2
-    assert "9 views are asked for, and 8 show a chessboard" in capsys.readouterr().err
+    assert "9 views are requested, but 8 show a chessboard" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("views", ["0", "-3", "2.5", "five"])
@@ -95,7 +95,7 @@ def test_a_number_of_views_is_one(views: str, capsys: pytest.CaptureFixture[str]
 def test_first_views(views: list[BoardView]) -> None:
     assert [v.frame_id for v in first_views(views, 3)] == [0, 1, 2]
     assert first_views(views, None) == views
-    with pytest.raises(UsageError, match="9 views are asked for"):
+    with pytest.raises(UsageError, match="9 views are requested"):
         first_views(views, 9)
 
 
@@ -118,7 +118,7 @@ def test_draws_of_few_views(dataset: Dataset, views: list[BoardView], calibratio
     again = several_calibrations(dataset, views, ["calibrated:3"])
     assert again is not None
     assert again.subsets == calibrations.subsets
-    assert spread_in_words(calibrations.subsets)[0].startswith("10 draws of 3 views: residual RMS 0.0")
+    assert spread_in_words(calibrations.subsets)[0].startswith("10 random subsets of 3 views: residual RMS 0.0")
 
 
 def test_nothing_to_calibrate(dataset: Dataset, views: list[BoardView]) -> None:

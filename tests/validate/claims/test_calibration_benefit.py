@@ -97,8 +97,8 @@ def test_worth_beyond_an_offset(mixed: CalibrationBenefit) -> None:
     assert 3.0 < float(found[1]) < 7.0
     assert "position: everywhere;" in short
     assert "reprojection: on the axis up to 30 D, off the axis nowhere." in short
-    assert "a factor 1.0 [1.0, 1.0]" in normal
-    assert "13.0 % against 0.0100 %, a factor 1,300 [1,300, 1,300]" in position
+    assert "a factor of 1.0 [1.0, 1.0]" in normal
+    assert "13.0 % and 0.0100 %, a factor of 1,300 [1,300, 1,300]" in position
     assert "(more than 2 up to 30 D" in reprojection
 
 

@@ -147,7 +147,7 @@ def test_too_few_frames_decide_nothing() -> None:
     trends = [v for v in found if v["key"] != "normal-focal"]
     assert len(trends) == len(CLAIMS) - 1
     assert {v["outcome"] for v in trends} == {OPEN}
-    assert all("24 circles are too few; it takes 30" in v["sentence"] for v in trends)
+    assert all("24 circles are too few; 30 are needed" in v["sentence"] for v in trends)
     assert all(v["value"] is None and v["p"] is None for v in trends)
 
 
@@ -170,8 +170,8 @@ def test_what_is_left_open_says_why() -> None:
     found = Finding("g", True, "ratio", 1.9, 1.1, 3.3, 42, "above 1", 0.02, True)
     assert decided(found, 0.03).holds is True
     among_many, near = decided(found, 0.08), decided(replace(found, low=0.9, p=0.2), 0.4)
-    assert (among_many.holds, among_many.reason) == (None, "it is not sure among all the report's statistics")
-    assert (near.holds, near.reason) == (None, "the interval reaches over the border")
+    assert (among_many.holds, among_many.reason) == (None, "it is not significant after Holm's correction")
+    assert (near.holds, near.reason) == (None, "the interval crosses the limit")
 
 
 def test_groups_that_disagree_make_a_condition() -> None:

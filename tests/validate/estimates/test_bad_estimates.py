@@ -89,13 +89,13 @@ def test_the_same_file_twice(dataset, rows, tmp_path, capsys):
     ("lines", "code", "sentence"),
     [
         ((POSE,), 3, "no rows"),
-        (("",), 3, "an empty file"),
+        (("",), 3, "the file is empty"),
         ((POSE, GOOD, GOOD), 2, "two rows for frame 0"),
         ((POSE.replace("normal_y,", ""), "0,0,-1,0,0,1.2"), 2, "has no column normal_y"),
         (("frame_id,mood", "0,well"), 2, "has no columns of a pose (normal_x .. centre_z_m), nor ellipse"),
         (("normal_x,normal_y", "0,0"), 2, "has no column frame_id"),
         ((POSE.replace("centre_x_m", "center_x_m"), GOOD), 2, "'center_x_m'; did you mean centre_x_m?"),
-        ((POSE.replace("normal_y", "normal_x"), GOOD), 2, "column 'normal_x' stands twice"),
+        ((POSE.replace("normal_y", "normal_x"), GOOD), 2, "column 'normal_x' appears twice"),
         ((POSE, "0,nan,nan,nan,nan,nan,nan"), 2, "missing or not finite"),
         ((POSE, "0,0,0,-1,0,0,"), 2, "missing or not finite"),
         ((POSE, "0,0,0,-1,0,0,inf"), 2, "missing or not finite"),
@@ -109,7 +109,7 @@ def test_the_same_file_twice(dataset, rows, tmp_path, capsys):
         ((POSE, '0,0,0,-1,0,0,"1,2"'), 2, "not a CSV file of estimates"),
         ((POSE.replace(",", ";"), GOOD.replace(",", ";")), 2, "separated by semicolons; use commas"),
         ((POSE.replace(",", "\t"), GOOD.replace(",", "\t")), 2, "separated by tabs"),
-        ((f"{POSE},intrinsics", f"{GOOD},default"), 2, "only intrinsics `true` may leave them out"),
+        ((f"{POSE},intrinsics", f"{GOOD},default"), 2, "they are optional only for intrinsics `true`"),
         ((f"{POSE},fx_px", f"{GOOD},900"), 2, "has no column fy_px, cx_px, cy_px"),
         ((f"{POSE},status", "0,,,,,,,ok"), 2, "pose, ellipse and centre are missing"),
         ((f"{POSE},candidate", f"{GOOD},2"), 2, "neither 0 nor 1"),
@@ -121,7 +121,11 @@ def test_the_same_file_twice(dataset, rows, tmp_path, capsys):
         ),
         (("frame_id,centre_image_x_px", "0,9"), 2, "has no column centre_image_y_px"),
         (("frame_id,centre_image_x_px,centre_image_y_px", "0,9,nan"), 2, "a number of its centre is missing"),
-        (("frame_id,candidate,centre_image_x_px,centre_image_y_px", "0,0,9,9", "0,1,9,9"), 2, "no pose to tell them"),
+        (
+            ("frame_id,candidate,centre_image_x_px,centre_image_y_px", "0,0,9,9", "0,1,9,9"),
+            2,
+            "no pose to distinguish them",
+        ),
     ],
 )
 def test_csv_that_cannot_be(dataset, tmp_path, capsys, lines, code, sentence):
@@ -139,7 +143,7 @@ def test_csv_in_another_alphabet(dataset, tmp_path, capsys):
 def test_another_datasets_estimates(dataset, rows, tmp_path, capsys):
     file = tmp_path / "estimates.parquet"
     write_records([Estimate(0, -1, "mine", "true", "failed", "too dark")], file, "0" * 64)
-    refused(capsys, 3, "estimates of dataset 000000000000", dataset, file)
+    refused(capsys, 3, "estimates are of dataset 000000000000", dataset, file)
     # CSV says nothing of its dataset: its frames alone tell.
     table = pq.read_table(write_estimates(file, rows))
     pq.write_table(table.replace_schema_metadata({METADATA: b"not JSON"}), file)
@@ -148,19 +152,19 @@ def test_another_datasets_estimates(dataset, rows, tmp_path, capsys):
 
 def test_files_of_another_kind(dataset, rows, tmp_path, capsys):
     none = tmp_path / "none.parquet"
-    refused(capsys, 2, "no estimates there", dataset, none)
+    refused(capsys, 2, "no estimates found", dataset, none)
     none.touch()
-    refused(capsys, 3, "an empty file", dataset, none)
+    refused(capsys, 3, "the file is empty", dataset, none)
     none.write_text("frame_id is no magic number\n")
     refused(capsys, 2, "not a Parquet file; give Parquet, or CSV", dataset, none)
     folder = tmp_path / "folder"
     folder.mkdir()
-    refused(capsys, 2, "no estimates there", dataset, folder)
+    refused(capsys, 2, "no estimates found", dataset, folder)
     (tmp_path / "folder.csv").mkdir()
-    refused(capsys, 2, "no estimates there", dataset, tmp_path / "folder.csv")
+    refused(capsys, 2, "no estimates found", dataset, tmp_path / "folder.csv")
     whole = write_estimates(tmp_path / "whole.parquet", rows).read_bytes()
     none.write_bytes(whole[: len(whole) // 2])
-    refused(capsys, 4, "a damaged Parquet file", dataset, none)
+    refused(capsys, 4, "damaged or truncated Parquet file", dataset, none)
     refused(capsys, 3, "no rows", dataset, write_estimates(tmp_path / "no_rows.parquet", []))
 
 
@@ -174,7 +178,7 @@ def test_columns_of_another_type(dataset, tmp_path, capsys):
     refused(capsys, 2, "column frame_id is not int64", dataset, file)
     twice = pa.Table.from_arrays([pa.array([0])] * 2, names=["frame_id", "frame_id"])
     pq.write_table(twice, file)
-    refused(capsys, 2, "column 'frame_id' stands twice", dataset, file)
+    refused(capsys, 2, "column 'frame_id' appears twice", dataset, file)
 
 
 def test_a_hostile_name_stays_on_its_line(dataset, tmp_path, capsys):

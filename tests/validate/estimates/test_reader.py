@@ -17,11 +17,11 @@ POSE = "frame_id,normal_x,normal_y,normal_z,centre_x_m,centre_y_m,centre_z_m\n"
 
 
 def test_estimates_that_are_none(tmp_path):
-    with pytest.raises(UsageError, match="no estimates there"):
+    with pytest.raises(UsageError, match="no estimates found"):
         read_estimates(tmp_path)
     file = tmp_path / "estimates.parquet"
     file.write_bytes(b"PAR1")
-    with pytest.raises(DataError, match="a damaged Parquet file"):
+    with pytest.raises(DataError, match="damaged or truncated Parquet file"):
         read_estimates(file)
     write_estimates([], file)
     assert read_estimates(tmp_path).num_rows == 0

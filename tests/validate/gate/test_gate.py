@@ -176,7 +176,7 @@ def test_a_run_that_the_baseline_does_not_have_is_said():
         ({"metric_version": 2}, "metric version 2"),
         ({"settings": "t"}, "other settings"),
         ({"rows": scores(1).rows.slice(0, 9)}, "scores 9 circles"),
-        ({"rows": scores(1).rows.slice(0, 0)}, "has no run 'ml, true'"),
+        ({"rows": scores(1).rows.slice(0, 0)}, "lacks the run 'ml, true'"),
     ],
 )
 def test_unlike_things_are_refused(change, message):
@@ -252,7 +252,7 @@ def test_a_step_summary_stays_below_githubs_limit():
     text = markdown(GateResult(checks, [Frame("ml, true", 1, 0, 2.0, "x")] * 10))
     assert len(text.encode()) < SUMMARY_LIMIT_BYTES
     assert "<img>" not in text
-    assert "cut short" in text
+    assert "truncated" in text
     assert "and 2300 more" in text
     assert text.count("--frames 1:2") == 10
 

@@ -39,5 +39,5 @@ def test_a_frame_keeps_its_position_over_the_levels(tmp_path: Path) -> None:
 def test_frames_that_do_not_divide_are_refused(tmp_path: Path) -> None:
     dataset = make_dataset(tmp_path / "ds", POINTS)
     dataset.manifest["study"]["groups"]["main"]["sweep"] = {"key": "points.sigma_px", "levels": [1.0] * 5}
-    with pytest.raises(DataError, match="36 frames, which do not divide over the 5 levels"):
+    with pytest.raises(DataError, match="36 frames, not a multiple of the 5 levels"):
         sweep_positions(dataset)

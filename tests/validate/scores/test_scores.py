@@ -181,11 +181,11 @@ def test_both_chosen_is_refused(dataset: Dataset, tmp_path: Path) -> None:
 
 
 def test_files_that_are_no_estimates(dataset: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no estimates there"):
+    with pytest.raises(UsageError, match="no estimates found"):
         read_runs([tmp_path / "nowhere"], dataset)
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(b"PAR1 no")
-    with pytest.raises(DataError, match="a damaged Parquet file"):
+    with pytest.raises(DataError, match="damaged or truncated Parquet file"):
         read_runs([broken], dataset)
     short = write_estimates(tmp_path / "short.parquet", estimate_rows(dataset, ["true"]), drop=("fx_px", "status"))
     with pytest.raises(UsageError, match="has no column fx_px"):
