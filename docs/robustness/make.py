@@ -57,7 +57,7 @@ def figure(sweeps: dict[str, dict[str, Any]]) -> str:
 
 def table(sweeps: dict[str, dict[str, Any]]) -> str:
     """Format one row for each nuisance and kind of intrinsics."""
-    head = ("nuisance", "levels", "intrinsics", "normal error at the mildest level", "at the harshest level", "doubles at", "solved")
+    head = ("nuisance", "levels", "intrinsics", "normal error, mildest level", "harshest level", "doubles at", "solved")
     rows = ["| " + " | ".join(head) + " |", "|---|---|---|---|---|---|---|"]
     for study, sweep in sweeps.items():
         levels = sweep["levels"]
