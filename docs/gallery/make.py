@@ -1,7 +1,7 @@
 """Make the contact sheets of the gallery: `python docs/gallery/make.py [effects] [presets]`.
 
-Roundel renders every picture from an ordinary study. The sheet of effects has one captioned tile per effect; the sheet of
-presets has several frames of each.
+Roundel renders every picture from an ordinary study. The sheet of effects has one captioned tile per effect; the
+sheet of presets has several frames of each.
 """
 
 from __future__ import annotations
