@@ -1,8 +1,7 @@
 """Make the contact sheets of the gallery: `python docs/gallery/make.py [effects] [presets]`.
 
-Every picture is rendered by Roundel, as a user would render it.
-
-One tile an effect, with what was asked for beside its name; the presets with several frames each.
+Roundel renders every picture from an ordinary study. The sheet of effects has one captioned tile per effect; the
+sheet of presets has several frames of each.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ def _study(own: dict[str, Any], zoom: int) -> dict[str, Any]:
 
 
 def tile(image: NDArray[Any], size: tuple[int, int] = TILE) -> Image.Image:
-    """An image as a tile: enlarged without smoothing, or reduced with."""
+    """Resize an image to a tile; enlarge without smoothing, reduce with smoothing."""
     grey = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
     picture = Image.fromarray(grey).convert("RGB")
     enlarged = picture.width < size[0]
@@ -68,12 +67,12 @@ def tile(image: NDArray[Any], size: tuple[int, int] = TILE) -> Image.Image:
 
 
 def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own face."""
+    """Load Pillow's default font."""
     return ImageFont.load_default(size)
 
 
 def sheet(rows: list[tuple[str, list[tuple[str, Image.Image]]]], columns: int, tile_px: tuple[int, int]) -> Image.Image:
-    """Sections of captioned tiles on one page."""
+    """Arrange sections of captioned tiles on one page."""
     head = 36
     heights = [head + -(-len(tiles) // columns) * (tile_px[1] + CAPTION) for _, tiles in rows]
     page = Image.new("RGB", (GAP + columns * (tile_px[0] + GAP), sum(heights) + GAP), PAPER)
@@ -89,7 +88,7 @@ def sheet(rows: list[tuple[str, list[tuple[str, Image.Image]]]], columns: int, t
 
 
 def effects(folder: Path) -> None:
-    """One tile an effect."""
+    """Make one tile per effect."""
     indoor_map(folder / "room.exr")
     rows = []
     for section, tiles in yaml.safe_load((HERE / "tiles.yaml").read_text(encoding="utf-8")).items():
@@ -102,7 +101,7 @@ def effects(folder: Path) -> None:
 
 
 def presets(folder: Path) -> None:
-    """Four frames of each preset."""
+    """Render four frames of each preset."""
     rows = []
     for preset in preset_names():
         study = {"schema": 1, "name": preset, "seed": 5, "preset": preset, "frames": 4}
@@ -113,7 +112,7 @@ def presets(folder: Path) -> None:
 
 
 def render(study: dict[str, Any], folder: Path, name: str) -> list[NDArray[Any]]:
-    """The images of a study given as plain values."""
+    """Render a study given as a dictionary and return its images."""
     path, began = folder / f"{name}.yaml", time.perf_counter()
     path.write_text(yaml.safe_dump(study), encoding="utf-8")
     dataset = render_study(path, folder / name)

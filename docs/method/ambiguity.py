@@ -1,6 +1,6 @@
-"""The two poses in numbers: digits of the closed form, distance of the candidates, the propositions, the reliability.
+"""Numbers about the two poses: digits of the closed form, distance of the candidates, propositions, reliability.
 
-The pencil is worked out here anew, with NumPy alone, so that the page does not rest on the code that it describes.
+The pencil is implemented again here, with NumPy only, so that the page does not depend on the code that it describes.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ DEFAULT_K = np.array([[1016.6, 0.0, 639.5], [0.0, 1016.6, 359.5], [0.0, 0.0, 1.0
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
-    """A table in Markdown."""
+    """Format a table in Markdown."""
     return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
 
 
 def _exact_ellipse(normal: Array, centre: Array, radius: float, k: Array) -> Array:
-    """The image of a circle to fifty digits, as x, y, a, b, angle in doubles."""
+    """Compute the image of a circle to fifty digits; return x, y, a, b, angle as doubles."""
     with mpmath.workdps(50):
         c, n, kk = mpmath.matrix(centre.tolist()), mpmath.matrix(normal.tolist()), mpmath.matrix(k.tolist())
         n = n / mpmath.norm(n)
@@ -42,7 +42,7 @@ def _exact_ellipse(normal: Array, centre: Array, radius: float, k: Array) -> Arr
 
 
 def _by_eigenvalues(conic: Array, k: Array, radius: float) -> tuple[Array, Array]:
-    """The closed form from the eigenvalues of K^T C K, as one would write it down: normals and centres (2, 3)."""
+    """Evaluate the textbook closed form, with eigenvalues of K^T C K: normals and centres (2, 3)."""
     a = k.T @ conic @ k
     values, vectors = np.linalg.eigh(a if np.linalg.det(a) > 0 else -a)
     (l1, l2, l3), e1, e3 = values[::-1], vectors[:, 2], vectors[:, 0]
@@ -57,7 +57,7 @@ def digits() -> str:
     rows = []
     normal, ray = normal_of(30.0, 40.0), np.array([0.1, -0.05, 1.0])
     for size in (1e-5, 1e-2, 1.0, 100.0):
-        centre = ray * PAPER_K[0, 0] / size  # a radius of 1 is then imaged `size` pixels long
+        centre = ray * PAPER_K[0, 0] / size  # the image of a radius of 1 is `size` pixels long
         ellipse = _exact_ellipse(normal, centre, 1.0, PAPER_K)
         ours = poses_from_ellipse(ellipse, PAPER_K, 1.0)
         naive = _by_eigenvalues(conic_of_ellipse(ellipse), PAPER_K, 1.0)
@@ -73,7 +73,8 @@ def digits() -> str:
 def ar_poses(count: int, spread: float | None, seed: int) -> tuple[Array, Array]:
     """Random poses of a marker of diameter 1: 5 to 50 D, tilt 10 to 70 degrees; normals and centres (count, 3).
 
-    The marker is anywhere in the image, or normally distributed about its middle with `spread` of the width.
+    The marker is anywhere in the image, or normally distributed about its middle with a standard
+    deviation of `spread` times the width.
     """
     rng = np.random.default_rng(seed)
     half = np.array([WIDTH, HEIGHT]) / 2
@@ -82,7 +83,7 @@ def ar_poses(count: int, spread: float | None, seed: int) -> tuple[Array, Array]
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     normal = normal_of(rng.uniform(10, 70, count), rng.uniform(-180, 180, count))
     centre = ray * rng.uniform(5, 50, (count, 1))
-    seen = np.sum(normal * centre, axis=1) < -0.05 * np.linalg.norm(centre, axis=1)  # not on edge, nor from behind
+    seen = np.sum(normal * centre, axis=1) < -0.05 * np.linalg.norm(centre, axis=1)  # neither edge-on nor from behind
     return normal[seen], centre[seen]
 
 
@@ -93,7 +94,7 @@ def conics(normal: Array, centre: Array, radius: float | Array, k: Array) -> Arr
 
 
 def candidates(count: int = 4000) -> dict[str, float]:
-    """How far the two candidates lie apart, and how well the wrong one explains the image."""
+    """Measure how far apart the two candidates are, and how well the wrong one fits the image."""
     normal, centre = ar_poses(count, None, 1)
     conic = conics(normal, centre, 0.5, DEFAULT_K)
     poses = poses_from_conic(conic, DEFAULT_K, 0.5)
@@ -108,13 +109,13 @@ def candidates(count: int = 4000) -> dict[str, float]:
 
 
 def candidates_table() -> str:
-    """The figures of `candidates`."""
+    """Tabulate the results of `candidates`."""
     found = candidates()
     rows = [
         ["angle between the normals, median", f"{found['angle']:.0f} degrees"],
         ["distance of the centres, median", f"{found['centre_median']:.4f} D"],
         ["distance of the centres, largest", f"{found['centre_max']:.3f} D"],
-        ["from the contour of either to the other, largest", f"{found['contour_px']:.0e} px"],
+        ["distance between the contours, largest", f"{found['contour_px']:.0e} px"],
     ]
     return table(["4,000 poses, 5 to 50 D", ""], rows)
 
@@ -160,7 +161,7 @@ def pencil(conic: Array, k: Array) -> tuple[Array, Array, Array]:
 
 
 def propositions(count: int = 20000) -> dict[str, float]:
-    """How often each statement holds, as a fraction of random circles that are wholly in front."""
+    """Fraction of random circles, entirely in front of the camera, for which each statement is true."""
     rng = np.random.default_rng(2)
     theta = rng.uniform(np.radians(2), np.radians(88), count)
     xc, yc, radius = rng.normal(0, 0.8, count), rng.normal(0, 0.8, count), rng.uniform(0.01, 0.6, count)
@@ -168,7 +169,7 @@ def propositions(count: int = 20000) -> dict[str, float]:
     front = 1 + c * (yc - radius) > 0.02
     theta, xc, yc, radius, c, s = (v[front] for v in (theta, xc, yc, radius, c, s))
     zero, one = np.zeros_like(c), np.ones_like(c)
-    # Rows: the camera's axes in the plane's frame; the camera stands at (0, -c, s) and looks at the origin.
+    # Rows: the camera's axes in the plane's frame; the camera is at (0, -c, s) and is aimed at the origin.
     turn = np.stack([np.stack(v, -1) for v in ((one, zero, zero), (zero, -s, -c), (zero, c, -s))], axis=1)
     centre = np.einsum("nij,nj->ni", turn, np.stack([xc, yc + c, -s], -1))
     normal = turn[:, :, 2]
@@ -204,14 +205,14 @@ def propositions(count: int = 20000) -> dict[str, float]:
 
 
 def propositions_table() -> str:
-    """The figures of `propositions`."""
+    """Tabulate the results of `propositions`."""
     found = propositions()
     count = int(found.pop("count"))
-    return table([f"{count:,} random circles", "holds"], [[name, f"{100 * v:.3f} %"] for name, v in found.items()])
+    return table([f"{count:,} random circles", "true for"], [[name, f"{100 * v:.3f} %"] for name, v in found.items()])
 
 
 def frequencies(count: int = 20000) -> str:
-    """How often the larger side is the true one, by where the marker is in the image."""
+    """How often E > 0, and how often (i) and (ii) hold, by the position of the marker in the image."""
     rows = []
     for name, spread in (("anywhere", None), ("15 % of the width", 0.15), ("5 %", 0.05), ("1 %", 0.01)):
         normal, centre = ar_poses(count, spread, 3)
@@ -224,7 +225,7 @@ def frequencies(count: int = 20000) -> str:
 
 
 def reliability(trials: int = 400) -> str:
-    """How often the side rule finds the true pose in the paper's own set-up, where the marker is aimed at."""
+    """How often the side rule finds the true pose in the paper's set-up, where the camera is aimed at the marker."""
     rng = np.random.default_rng(4)
     rows = []
     for distance in (15, 20, 30, 50):
@@ -244,9 +245,9 @@ def reliability(trials: int = 400) -> str:
         "distance",
         "tilt",
         "offset, px",
-        "right: edges of 1 px",
-        "principal point off by 1 px",
-        "by 5 px",
-        "by 20 px",
+        "correct: edge noise 1 px",
+        "principal point error 1 px",
+        "5 px",
+        "20 px",
     ]
     return table(head, rows)

@@ -1,4 +1,4 @@
-"""The figures of docs/method.md: matplotlib, on paper of their own, the same bytes every time."""
+"""The figures of docs/method.md, with matplotlib, an opaque background and reproducible bytes."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
 from roundel.solver.pose.circle_pose import poses_from_conic
 
 HERE = Path(__file__).parent
-# Okabe and Ito's palette, which the colour-blind tell apart.
+# Okabe and Ito's palette, which is safe for colour-blind readers.
 BLUE, RED, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#7f7f7f"
 INK, PAPER = "#222222", "#ffffff"
 STYLE: dict[str, Any] = {
     "svg.hashsalt": "roundel",
-    "svg.fonttype": "path",  # glyphs of matplotlib's own face: the same picture on every machine
+    "svg.fonttype": "path",  # glyphs of matplotlib's own font: the same picture on every machine
     "font.size": 9,
     "axes.titlesize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": GREY,
     "figure.facecolor": PAPER,
-    "savefig.facecolor": PAPER,  # opaque: it reads in the dark, too
+    "savefig.facecolor": PAPER,  # opaque: readable on a dark page, too
     "legend.frameon": False,
     "text.color": INK,
     "axes.labelcolor": INK,
@@ -44,7 +44,7 @@ def _save(figure: Any, name: str) -> None:
         return
     sink = io.StringIO()
     figure.savefig(sink, format="svg", metadata={"Date": None, "Creator": None})
-    # A hundredth of a point is below any pixel, and half the file; the small factors of glyphs keep their digits.
+    # Round paths to 0.01 pt, which is invisible and halves the file; the scale factors of glyphs keep their digits.
     paths = re.sub(r'(?<= d=")[^"]*', lambda d: re.sub(r"(\d\.\d\d)\d+", r"\1", d[0]), sink.getvalue())
     lines = paths.splitlines()
     (HERE / name).write_text("\n".join(line.rstrip() for line in lines) + "\n", encoding="utf-8")
@@ -57,7 +57,7 @@ def _arrow(axes: Any, start: Array, end: Array, colour: str) -> None:
 
 
 def cone() -> None:
-    """Both circles on one cone: in space, and cut by the plane of e1 and e3."""
+    """Draw both circles on one cone: in space, and in the plane of e1 and e3."""
     from matplotlib.figure import Figure
 
     radius = 1.0
@@ -75,7 +75,7 @@ def cone() -> None:
     for i, colour in enumerate((BLUE, RED)):
         m = camera_from_marker_of(poses.normal[i], poses.centre_m[i])
         ring = poses.centre_m[i] + radius * (np.cos(t)[:, None] * m[:3, 0] + np.sin(t)[:, None] * m[:3, 1])
-        # Drawn with the depth to the right, and up where the image's y is down.
+        # Depth is to the right; the image's y axis points down, so it is negated.
         space.plot(ring[:, 2], ring[:, 0], -ring[:, 1], color=colour, lw=2)
         if i == 0:
             for p in ring[::3] * 1.3:
@@ -112,13 +112,13 @@ def cone() -> None:
 
 
 def _scene(theta: float) -> tuple[Array, Array]:
-    """Camera's axes (rows) and centre in the frame of section 5."""
+    """The camera's axes (rows) and centre in the frame of section 5."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[1, 0, 0], [0, -s, -c], [0, c, -s]]), np.array([0, -c, s])
 
 
 def _line(axes: Any, line: Array, limits: tuple[float, float, float, float], **style: Any) -> None:
-    """The line a x + b y + c = 0 within a box."""
+    """Draw the line a x + b y + c = 0 within a box."""
     a, b, c = line
     if abs(b) > abs(a):
         x = np.array(limits[:2])
@@ -129,7 +129,7 @@ def _line(axes: Any, line: Array, limits: tuple[float, float, float, float], **s
 
 
 def pencil_picture() -> None:
-    """Circle, limiting points and radical axis in the plane; then two images, in which another line separates."""
+    """Draw the pencil in the plane, and two images in which different lines separate the limiting points."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.6, 3.3), layout="constrained")
@@ -203,7 +203,7 @@ def pencil_picture() -> None:
 
 
 def curved_edge() -> None:
-    """What a straight step makes of blurred discs, and what a curved one does."""
+    """Draw the errors of the radius when a straight and a curved step are fitted to blurred discs."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
@@ -225,7 +225,7 @@ def curved_edge() -> None:
 
 
 def normal_error(trials: int = 300) -> None:
-    """Simulated error of the normal over the distance, and its bound."""
+    """Draw the simulated error of the normal over the distance, and its bound."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
@@ -247,7 +247,7 @@ def normal_error(trials: int = 300) -> None:
 
 
 def wrong_focal() -> None:
-    """Bias of the normal at 20 degrees off the axis, over azimuth and tilt from the line of sight."""
+    """Draw the bias of the normal at 20 degrees off the axis, over azimuth and tilt from the line of sight."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.2, 2.7), layout="constrained")
@@ -275,7 +275,7 @@ def wrong_focal() -> None:
 
 
 def main() -> None:
-    """Make them all."""
+    """Make all figures."""
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):

@@ -1,4 +1,4 @@
-"""The focal length in numbers: what the default is, and what a wrong one does."""
+"""Numbers about the focal length: the default, and the effect of a wrong one."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ DIAGONAL_MM, WIDTH_MM = math.hypot(36, 24), 36.0
 
 
 def defaults_table() -> str:
-    """Three readings of a 35-mm focal length, for 1280x720."""
+    """Three definitions of a 35-mm equivalent focal length, for 1280x720."""
     rows = []
     readings = {
         "diagonal": math.hypot(1280, 720) / DIAGONAL_MM,
         "width": 1280 / WIDTH_MM,
-        "16:9 cut from a 4:3 sensor": math.hypot(1280, 960) / DIAGONAL_MM,
+        "16:9 cropped from a 4:3 sensor": math.hypot(1280, 960) / DIAGONAL_MM,
     }
     for name, px_per_mm in readings.items():
         focal, sigma = DEFAULT_FOCAL_35MM_MM * px_per_mm, DEFAULT_FOCAL_35MM_SIGMA_MM * px_per_mm
@@ -35,7 +35,7 @@ def defaults_table() -> str:
         away = (equivalent - DEFAULT_FOCAL_35MM_MM) / DEFAULT_FOCAL_35MM_SIGMA_MM
         cells = [name, f"{focal:.1f} px", f"{sigma:.0f} px", f"{equivalent:.1f} mm ({away:+.2f} sigma)"]
         rows.append([*cells, f"{focal / 1280:.3f}"])
-    head = ["35-mm equivalent by", "default f for 1280x720", "sigma", "a camera of 1280 px is", "default / 1280"]
+    head = ["35-mm equivalent by", "default f for 1280x720", "sigma", "equivalent of f = 1280 px", "default / 1280"]
     return table(head, rows)
 
 
@@ -49,7 +49,7 @@ def normal_bias_deg(off_axis_deg: float, tilt_deg: float, azimuth_deg: float, fa
 
 
 def closed_form_deg(off_axis_deg: float, tilt_deg: float, factor: float) -> float:
-    """The largest bias over the azimuths, of a small circle."""
+    """The largest bias over the azimuths, for a small circle."""
     d, t = math.radians(off_axis_deg), math.radians(tilt_deg)
     seen = math.atan(math.tan(d) / factor)
     return abs(math.degrees(seen - d + math.acos(math.cos(t) * math.cos(seen) / math.cos(d)) - t))
@@ -78,15 +78,15 @@ def study_scores(folder: Path) -> dict[tuple[str, str, int], list[tuple[float, f
 
 
 def study_table() -> str:
-    """Least and largest error of the normal over the azimuths, and at which one it is largest."""
+    """Smallest and largest error of the normal over the azimuths."""
     with tempfile.TemporaryDirectory() as name:
         found = study_scores(Path(name))
     names = {
         "on_axis": "on the axis, 30 degrees",
-        "sight_10": "10 off, 30 from the line of sight",
-        "sight_20": "20 off, 30 from the line of sight",
-        "axis_10": "10 off, `tilt_deg` 30",
-        "axis_20": "20 off, `tilt_deg` 30",
+        "sight_10": "10 off axis, 30 from the line of sight",
+        "sight_20": "20 off axis, 30 from the line of sight",
+        "axis_10": "10 off axis, `tilt_deg` 30",
+        "axis_20": "20 off axis, `tilt_deg` 30",
     }
     rows = []
     for group, words in names.items():
@@ -101,7 +101,7 @@ def study_table() -> str:
 
 
 def closed_form_table() -> str:
-    """The closed form beside the exact poses."""
+    """Compare the closed form with the exact poses."""
     rows = []
     for off_axis in (5.0, 10.0, 20.0, 30.0):
         cells = [f"{off_axis:g}"]

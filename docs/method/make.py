@@ -42,7 +42,7 @@ def tables() -> None:
         text = made()
         page, places = re.subn(pattern, lambda m, text=text: f"{m[1]}\n{text}\n\n{m[2]}", page, flags=re.DOTALL)
         if places != 1:
-            raise SystemExit(f"{PAGE.name} has {places} places for the table {name}; it needs one")
+            raise SystemExit(f"{PAGE.name} has {places} places for the table {name}; expected one")
         sys.stderr.write(f"{name}\n")
     PAGE.write_text(page, encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Precision in numbers: bounds and what reaches them, approximations on the axis, the blurred step of a curved edge."""
+"""Numbers about precision: bounds, estimators that attain them, approximations on the axis, blurred curved edges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RADIUS = 0.5  # lengths in diameters
 
 
 def pose_on_axis(tilt: float, distance: float) -> Array:
-    """The paper's set-up: aimed at, turned about an axis of the image."""
+    """The paper's set-up: the camera is aimed at the marker, which is rotated about an axis of the image."""
     return camera_from_marker_of(normal_of(tilt, 90.0), np.array([0.0, 0.0, distance]))
 
 
@@ -47,7 +47,7 @@ def simulated(tilt: float, distance: float, trials: int, seed: int) -> tuple[Arr
 
 
 def bound_table(trials: int = 400) -> str:
-    """Monte-Carlo, the bound, and the formulas on the axis: 200 points, 1 px."""
+    """Compare Monte-Carlo simulation, the bound and the formulas on the axis: 200 points, 1 px."""
     rows = []
     for distance in (15, 30, 50):
         for tilt in TILTS:
@@ -66,7 +66,7 @@ def bound_table(trials: int = 400) -> str:
 
 
 def breakdown_table(trials: int = 400) -> str:
-    """The tilt below which a bound bounds nothing, and the tilt that is found where there is none."""
+    """The tilt below which the bound does not apply, and the mean estimated tilt at tilt zero."""
     rows = []
     for distance in (15, 30, 50):
         a = PAPER_K[0, 0] * RADIUS / distance
@@ -74,13 +74,13 @@ def breakdown_table(trials: int = 400) -> str:
         normals, _ = simulated(0.0, distance, trials, 2)
         found = angle_deg(normals + np.array([0.0, 0.0, -1.0]), [0, 0, -1])
         rows.append([f"{distance} D", f"{a:.1f}", f"{limit:.1f}", f"{np.mean(found):.1f}"])
-    return table(["distance", "a, px", "breakdown tilt, deg", "mean tilt found at tilt 0, deg"], rows)
+    return table(["distance", "a, px", "breakdown tilt, deg", "mean estimated tilt at tilt 0, deg"], rows)
 
 
 def prior_table() -> str:
-    """Bounds with a known and with an assumed focal length (11.5 %): 200 points of 1 px, tilt 30 degrees."""
+    """Bounds with a known focal length and with a prior (11.5 %): 200 points of 1 px, tilt 30 degrees."""
     rows = []
-    for name, centre in (("on the axis, 20 D", [0.0, 0.0, 20.0]), ("off it, (6, 3, 20) D", [6.0, 3.0, 20.0])):
+    for name, centre in (("on the axis, 20 D", [0.0, 0.0, 20.0]), ("off the axis, (6, 3, 20) D", [6.0, 3.0, 20.0])):
         pose = camera_from_marker_of(normal_of(30.0, 90.0), np.array(centre))
         known = pose_bound(contour_information(pose, RADIUS, PAPER_K, 1.0, 200))
         assumed = pose_bound(contour_information(pose, RADIUS, PAPER_K, 1.0, 200, focal_sigma=0.115))
@@ -88,7 +88,7 @@ def prior_table() -> str:
         for value in (known, assumed):
             cells += [f"{value.normal_deg:.2f}", f"{100 * value.position_m / np.linalg.norm(centre):.2f}"]
         rows.append(cells)
-    head = ["marker", "f known: normal, deg", "position, %", "f assumed: normal, deg", "position, %"]
+    head = ["marker", "f known: normal, deg", "position, %", "f with prior: normal, deg", "position, %"]
     return table(head, rows)
 
 
@@ -101,10 +101,10 @@ def rank_without_prior() -> int:
 
 
 def blurred_disc(radius: float, blur: float, offset: tuple[float, float]) -> tuple[Array, Array]:
-    """Pixels of a dark disc on white, exact: distances of their centres from its centre (N,), and grey levels (N,).
+    """Exact pixels of a dark disc on white: distances of their centres from its centre (N,), and grey levels (N,).
 
-    Behind a Gaussian the disc's share is the probability that a point drawn there lies in it, a noncentral chi^2; a
-    pixel is its mean over a square, by Gauss's rule.
+    After a Gaussian blur, the disc's share is the probability that a Gaussian sample falls inside it, a noncentral
+    chi^2 probability; a pixel is its mean over a square, by Gauss's rule.
     """
     size = math.ceil(radius + 6 * blur + 3)
     y, x = (g.astype(np.float64) for g in np.mgrid[-size : size + 1, -size : size + 1])
@@ -141,18 +141,18 @@ RADII, BLURS = (12.8, 21.3, 42.7), (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 
 
 def shrinkage_table() -> str:
-    """Both models' error of the radius, and b^2 / (2 rho)."""
+    """Error of the radius with each model, and -b^2 / (2 rho)."""
     rows = []
     for radius in RADII:
         for blur in (1.0, 2.0, 3.0, 4.0):
             rule = -(blur**2 + 1 / 12) / (2 * radius)
             cells = [f"{radius:g}", f"{blur:g}", f"{rule:+.3f}"]
             rows.append([*cells, *(f"{shrinkage(radius, blur, order):+.4f}" for order in (0, 1, 2))])
-    return table(["radius, px", "blur, px", "rule", "straight step", "with the rule's shift", "second order"], rows)
+    return table(["radius, px", "blur, px", "formula", "straight step", "shifted by the formula", "second order"], rows)
 
 
 def eccentricity_table() -> str:
-    """From the centre of the ellipse to the image of the circle's centre, and the rule of thumb."""
+    """Distance from the centre of the ellipse to the image of the circle's centre, and the rule of thumb."""
     rows = []
     for distance in (15, 50):
         for tilt in TILTS:

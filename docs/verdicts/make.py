@@ -1,9 +1,9 @@
-"""Figures of the pages results.md and claims.md, and the table of verdicts with a column for each study.
+"""Make the figures of results.md and claims.md, and the table of verdicts with a column for each study.
 
     python docs/verdicts/make.py PICTURES RUN...
 
-RUN is a folder of `roundel run`, with `dataset` and `report` in it. The report's figures go to PICTURES as
-`verdict-STUDY-CLAIM.svg` and `worth-STUDY.svg`, the table to standard output.
+RUN is an output folder of `roundel run`, with `dataset` and `report` in it. The report's figures are copied to PICTURES
+as `verdict-STUDY-CLAIM.svg` and `worth-STUDY.svg`; the table is written to standard output.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _INTERVAL = ("value", "low", "high")
 
 
 def copy_figures(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Copy a study's figures; its name, and its verdicts by claim."""
+    """Copy a study's figures; return its name and its verdicts by claim."""
     study = open_dataset(run / "dataset").study["name"]
     summary = json.loads((run / "report" / "summary.json").read_text(encoding="utf-8"))
     figures = run / "report" / FOLDER
@@ -35,7 +35,7 @@ def copy_figures(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, An
 
 
 def cell(study: str, verdict: dict[str, Any] | None, pictures: Path) -> str:
-    """Outcome, linked to its figure, the number of the paper's own setting, and those that say otherwise."""
+    """Format the outcome with a link, the number of the paper's setting, and those with another outcome."""
     if verdict is None:
         return "-"
     own = verdict["sides"][0]
@@ -47,7 +47,7 @@ def cell(study: str, verdict: dict[str, Any] | None, pictures: Path) -> str:
 
 
 def amount(side: dict[str, Any]) -> str:
-    """A number with its interval."""
+    """Format a number with its interval."""
     if side["value"] is None:
         return str(side["reason"])
     value, low, high = (number(v) if abs(v) >= 10 else f"{round(v, 2) + 0.0:.2f}" for v in map(side.get, _INTERVAL))
@@ -55,22 +55,22 @@ def amount(side: dict[str, Any]) -> str:
 
 
 def markdown(studies: dict[str, dict[str, dict[str, Any]]], pictures: Path) -> str:
-    """A row a claim, a column a study."""
+    """Format the table: one row per claim, one column per study."""
     claims: dict[str, dict[str, Any]] = {}
     for verdicts in studies.values():
         for key, verdict in verdicts.items():
             claims.setdefault(key, verdict)
-    lines = [f"| the paper's claim | the number | {' | '.join(studies)} |", "|---" * (len(studies) + 2) + "|"]
+    lines = [f"| the paper's claim | statistic and region | {' | '.join(studies)} |", "|---" * (len(studies) + 2) + "|"]
     for key, verdict in claims.items():
         cells = [cell(name, verdicts.get(key), pictures) for name, verdicts in studies.items()]
-        # Labels and distances in it are a study's own.
+        # Remove the labels and distances, which differ between studies.
         statistic = re.sub(r" \([^)]*\)$| at \S+ D\b", "", verdict["statistic"])
         lines.append(f"| {verdict['claim']} | {statistic}: {verdict['sides'][0]['region']} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def main() -> None:
-    """Copy and write what the command line names."""
+    """Copy the figures and write the table for the runs on the command line."""
     pictures, runs = Path(sys.argv[1]), [Path(run) for run in sys.argv[2:]]
     sys.stdout.write(markdown(dict(copy_figures(run, pictures) for run in runs), pictures) + "\n")
 
