@@ -67,7 +67,7 @@ gate: env ## render, solve and score configs/benchmark.yaml, and hold it against
 	$(BIN)/roundel gate out/benchmark/report --baseline benchmarks/baseline.parquet --junit out/benchmark/gate.xml
 
 bench: env ## speed and accuracy against peers
-	$(BIN)/python benchmarks/run.py $(BENCH_FLAGS)
+	$(BIN)/python benchmarks/render/run.py $(BENCH_FLAGS)
 
 bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	@$(BENCH_PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
@@ -77,10 +77,10 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
 bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (an hour or two; goes on where it stopped)
-	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/gate.py $(BENCH_FLAGS)
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/gate/gate.py $(BENCH_FLAGS)
 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
-	$(BIN)/python benchmarks/peers_solver.py $(BENCH_FLAGS)
+	$(BIN)/python benchmarks/solver/peers_solver.py $(BENCH_FLAGS)
 
 peers-env: env ## .bench-peers with simittag and pycalib, for `make bench-solver`
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,15 @@ def test_tests_mirror_the_code():
         place = path.parent.relative_to(HOUSE / "tests")
         assert place == Path() or (HOUSE / place / "__init__.py").is_file(), path
         assert len(list(path.parent.glob("*.py"))) <= MOST_MODULES
+
+
+def test_no_folder_of_code_is_crowded():
+    # Scripts and tests too; `out` and hidden folders hold what was made.
+    tops = [path for path in HOUSE.iterdir() if path.is_dir() and path.name != "out" and not path.name.startswith(".")]
+    files = [path for top in tops for path in top.rglob("*.py") if path.name != "__init__.py"]
+    counts = Counter(path.parent.relative_to(HOUSE).as_posix() for path in files)
+    assert counts["validate/metrics"] > 0
+    assert {folder: n for folder, n in counts.items() if n > MOST_MODULES} == {}
 
 
 @pytest.mark.parametrize("package", packages())

@@ -14,7 +14,7 @@ from roundel.scenes.study.schema import json_schema
 HOUSE = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path
-    for path in (*HOUSE.glob("*.md"), *(HOUSE / "docs").rglob("*.md"), *(HOUSE / "benchmarks").glob("*.md"))
+    for path in (*HOUSE.glob("*.md"), *(HOUSE / "docs").rglob("*.md"), *(HOUSE / "benchmarks").rglob("*.md"))
     if "reference" not in path.parts
 )
 LINK = re.compile(r"\[[^\]]*\]\(((?:[^()\s]|\([^()\s]*\))+)\)")

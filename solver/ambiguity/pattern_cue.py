@@ -127,8 +127,8 @@ def pattern_of_shapes(
 def orientation_tick(from_radii: float = 0.5, to_radii: float = 0.9, width_radii: float = 0.12) -> Pattern:
     """A bar of paper along +X in a disc of ink, as `roundel` prints it on the marker `disc_with_tick`.
 
-    It extends to one side only and is overconfident: its probabilities are off by 0.09 (`benchmarks/choice.py` allows
-    0.03), so `--knowledge` does not offer it.
+    It extends to one side only and is overconfident: its probabilities are off by 0.09
+    (`benchmarks/solver/choice.py` allows 0.03), so `--knowledge` does not offer it.
     """
     return pattern_of(
         lambda x, y: ((x > from_radii) & (x < to_radii) & (np.abs(y) < width_radii / 2)) * 1.0, "orientation tick"

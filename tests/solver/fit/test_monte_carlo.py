@@ -16,7 +16,7 @@ from roundel.solver.theory.curvature_bias import without_curvature_bias
 
 @pytest.fixture(scope="module")
 def monte_carlo():
-    path = Path(__file__).resolve().parents[3] / "benchmarks" / "monte_carlo.py"
+    path = Path(__file__).resolve().parents[3] / "benchmarks" / "solver" / "monte_carlo.py"
     spec = importlib.util.spec_from_file_location("monte_carlo", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules["monte_carlo"] = module  # dataclasses look their own module up

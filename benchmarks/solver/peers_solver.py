@@ -1,6 +1,6 @@
 """Compare Roundel's solver with its peers: closed forms, accuracy on rendered frames, time per image. Prints Markdown.
 
-    python benchmarks/peers_solver.py [--quick] [--data FOLDER] [--out FILE]
+    python benchmarks/solver/peers_solver.py [--quick] [--data FOLDER] [--out FILE]
 
 Run `make peers-env` first (simittag and pycalib; without them their rows are left out). Missing frames are rendered
 first, into out/bench-peers: about five minutes on two cores.
@@ -30,7 +30,7 @@ from roundel.datasets.dataset import open_dataset
 from roundel.solver.methods.locate import locate
 
 HERE = Path(__file__).resolve().parent
-HOUSE = HERE.parent
+HOUSE = HERE.parents[1]
 
 # A dataset, its study, the truth column with its levels, and the title of that column.
 DATASETS = [

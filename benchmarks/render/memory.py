@@ -1,6 +1,6 @@
 """Memory growth and slowdown over a thousand frames in one process.
 
-    python benchmarks/memory.py [--quick] [--json FILE]
+    python benchmarks/render/memory.py [--quick] [--json FILE]
 
 Compares resident memory after 50 frames with that at the end (at most 50 MB more), and the time of the first hundred
 frames after that with the last hundred.

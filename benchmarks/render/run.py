@@ -1,6 +1,6 @@
 """Compare Roundel with its peers: one command, one table.
 
-    python benchmarks/run.py [--quick] [--no-peers] [--frames N]
+    python benchmarks/render/run.py [--quick] [--no-peers] [--frames N]
 
 Writes results.md and results.json beside this file. Every renderer runs in its own process, one after another, on two
 threads. Cycles needs `bpy`: run `make bench-env`, or set ROUNDEL_BENCH_PYTHON to an interpreter that has it.

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Poses = tuple[Array, Array]  # normals (n, 3) and centres (n, 3)
 ClosedForm = Callable[[Any, Array, float], Poses]
 
-PEERS_FOLDER = Path(__file__).resolve().parents[1] / ".bench-peers"
+PEERS_FOLDER = Path(__file__).resolve().parents[2] / ".bench-peers"
 PACKAGES = {"simittag": "simittag", "pycalib": "pycalib-simple"}
 TOLERANCE = 1e-6
 

@@ -1,6 +1,6 @@
 """Error rates of the gate on the shipped benchmark: false alarms, a loss of 5 %, planted bugs, no samples.
 
-    OMP_NUM_THREADS=1 python benchmarks/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
+    OMP_NUM_THREADS=1 python benchmarks/gate/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
 
 Renders configs/benchmark.yaml unless FOLDER/dataset exists, and solves copies of it with fresh sensor noise, one after
 another (one core; a copy has 3,000 frames). You can stop it at any time; it resumes where it stopped.
@@ -34,7 +34,7 @@ from roundel.validate.gate.checks import QUANTITIES, floats
 from roundel.validate.gate.gate import GateResult, gate
 from roundel.validate.statistics.intervals import wilson_interval
 
-STUDY = Path(__file__).parents[1] / "configs" / "benchmark.yaml"
+STUDY = Path(__file__).parents[2] / "configs" / "benchmark.yaml"
 RISE = 1.05
 FIRST_WORSE = 1000  # indices of the noisier copies, so that no two copies share their noise
 PILOT_READ_E = 21.8  # the value for shot noise and quantisation alone

@@ -1,6 +1,6 @@
 """Monte-Carlo test of edge points, ellipse and both poses: efficiency against the bound, and coverage of the regions.
 
-    python benchmarks/monte_carlo.py [--runs 2000] [--fit batch|one] [--unbiased] [--json FILE]
+    python benchmarks/solver/monte_carlo.py [--runs 2000] [--fit batch|one] [--unbiased] [--json FILE]
 
 Points are evenly spaced along the contour (random phase), with isotropic Gaussian noise. The geometric fit starts at
 the truth and uses Gauss-Newton for all runs at once; `--fit one` calls `fit_ellipse` for each (the same minimum:

@@ -1,6 +1,6 @@
 """Check whether the disambiguation probabilities are calibrated: of the cases declared 0.8, are 80 % correct?
 
-    python benchmarks/choice.py [--cases 2000] [--kinds KIND,...] [--json FILE]
+    python benchmarks/solver/choice.py [--cases 2000] [--kinds KIND,...] [--json FILE]
 
 For each kind of prior knowledge, cases are drawn from the prior that it declares: markers 5 to 50 D away, tilted 10 to
 70 degrees in any direction, anywhere in the image (f = 1,016 px on 1280x720), with noise on the ellipse. Names ending

@@ -1,6 +1,6 @@
 """Detection benchmark: recall at each level of each nuisance, and false positives.
 
-    python benchmarks/detection.py [WORK] [--studies noise,defocus,...] [--beyond] [--json FILE]
+    python benchmarks/solver/detection.py [WORK] [--studies noise,defocus,...] [--beyond] [--json FILE]
 
 WORK (default out/bench-detection) holds a dataset for each study, rendered if it is missing. A circle counts as
 detected if the centre is within 2 px plus a tenth of the semi-minor axis, and both semi-axes are within 10 % plus 1 px,
@@ -35,7 +35,7 @@ from roundel.validate.statistics.intervals import wilson_interval
 
 Array = NDArray[np.float64]
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 NUISANCES = (
     "detection",
     "noise",

@@ -1,6 +1,6 @@
 """Compare fits to pixels and to edge points with the bound, on many noisy copies of one rendered radiance.
 
-    python benchmarks/renoised.py [--copies 500] [--only NAME] [--folder FOLDER]
+    python benchmarks/solver/renoised.py [--copies 500] [--only NAME] [--folder FOLDER]
 
 Renders a few cases (a disc or ring with a semi-major axis of 30 or 12 px, tilted, in and out of focus), develops
 (re-exposes) each radiance with fresh noise, and prints for each case: scatter of the ellipse relative to the Cramer-Rao

@@ -1,6 +1,6 @@
 """Timings of a frame by stage, and the pipeline's overhead over the integrator and EXR compression.
 
-    python benchmarks/stages.py [FRAMES] [--study FILE] [--profile] [--json FILE]
+    python benchmarks/render/stages.py [FRAMES] [--study FILE] [--profile] [--json FILE]
 
 Functions are wrapped where they are called, see stopwatch.py. `roundel render` finishes one frame while it traces the
 next, so stages overlap. The overhead is therefore measured against a second loop of the same structure that only traces

@@ -25,7 +25,7 @@ _AIM = 0.0097
 
 def find_bpy() -> str | None:
     """An interpreter with `bpy`: this one, that of `make bench-env`, or the one named by ROUNDEL_BENCH_PYTHON."""
-    made = HERE.parent / ".venv-bench" / "bin" / "python"
+    made = HERE.parents[1] / ".venv-bench" / "bin" / "python"
     for python in (os.environ.get("ROUNDEL_BENCH_PYTHON"), sys.executable, str(made)):
         if not python or not os.access(python, os.X_OK):
             continue

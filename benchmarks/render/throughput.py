@@ -1,6 +1,6 @@
 """Frames and rays per second of the whole `roundel render`, including its start and the last step of the dataset.
 
-python benchmarks/throughput.py [--quick] [--json FILE]
+python benchmarks/render/throughput.py [--quick] [--json FILE]
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-STUDIES = {"demo": HERE.parent / "configs" / "demo.yaml", "bench": HERE / "bench.yaml"}
+STUDIES = {"demo": HERE.parents[1] / "configs" / "demo.yaml", "bench": HERE / "bench.yaml"}
 
 
 def run(name: str, frames: int | None) -> dict[str, Any]:
