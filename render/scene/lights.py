@@ -10,7 +10,7 @@ from roundel.render.scene.light_map import map_emitter
 from roundel.render.scene.materials import placed_opaquely
 from roundel.scenes.errors import UsageError
 from roundel.scenes.study.light_section import AreaLampSection, Lamp, PointLampSection, SkySection
-from roundel.scenes.surroundings.bodies import Surroundings
+from roundel.scenes.surroundings.bodies import Surroundings, frame_on, pose_from_axes
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.lamps import camera_from_lamp, irradiance_of, luminance_of
 
@@ -79,11 +79,8 @@ def world_sky(mi: Any, around: Surroundings) -> dict[str, Any]:
     """Sun and sky outdoors; nothing in a room, which is closed."""
     if around.sun is None:
         return {}
-    up = around.up
-    x = np.cross([0.0, 0.0, 1.0] if abs(up[2]) < 0.8 else [1.0, 0.0, 0.0], up)
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(up, x), up], axis=-1)
+    # Mitsuba's sky has z up.
+    pose = pose_from_axes(*frame_on(around.up, 0.0), around.up, np.zeros(3))
     sky = {
         "type": "sunsky",
         "to_world": mi.ScalarTransform4f(pose),

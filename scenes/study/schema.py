@@ -155,6 +155,8 @@ class GroupSection(Section):
                 raise ValueError(f"light: world {self.world.kind} has its own lights; leave out light, or world")
             if getattr(self.marker, "clutter", None) is not None:
                 raise ValueError(f"marker.clutter: world {self.world.kind} has no bare wall; use world.objects")
+            if self.motion.marker != MotionSection().marker:
+                raise ValueError(f"motion.marker: in world {self.world.kind} the sheet is at rest; move the camera")
         return self
 
     @model_validator(mode="after")

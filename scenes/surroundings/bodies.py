@@ -102,6 +102,16 @@ class Surroundings:
     sheet_thickness_m: float = 0.0003
 
 
+def frame_on(up: Array, turn_rad: float) -> tuple[Array, Array]:
+    """Two horizontal unit vectors, the first turned by an angle about `up`."""
+    helper = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.8 else np.array([1.0, 0.0, 0.0])
+    x = helper - (helper @ up) * up
+    x /= np.linalg.norm(x)
+    y = np.cross(up, x)
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    return c * x + s * y, -s * x + c * y
+
+
 def pose_from_axes(x: Array, y: Array, z: Array, origin: Array) -> Array:
     """Pose (4, 4) from three orthonormal axes and an origin."""
     pose = np.eye(4)

@@ -8,22 +8,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.surroundings.bodies import Body, Colour, Material, pose_from_axes
+from roundel.scenes.surroundings.bodies import Body, Colour, Material, frame_on, pose_from_axes
 
 Array = NDArray[np.float64]
 
 # Stands on the plane through `foot` with normal `up`, turned about it by an angle.
 Maker = Callable[[np.random.Generator, Array, Array], Body]
-
-
-def frame_on(up: Array, turn_rad: float) -> tuple[Array, Array]:
-    """Two horizontal unit vectors, the first turned by an angle about `up`."""
-    helper = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.8 else np.array([1.0, 0.0, 0.0])
-    x = helper - (helper @ up) * up
-    x /= np.linalg.norm(x)
-    y = np.cross(up, x)
-    c, s = np.cos(turn_rad), np.sin(turn_rad)
-    return c * x + s * y, -s * x + c * y
 
 
 def standing(
@@ -63,10 +53,13 @@ def bottle(rng: np.random.Generator, foot: Array, up: Array) -> Body:
     """A bottle, as a solid of revolution."""
     radius, height = rng.uniform(0.028, 0.042), rng.uniform(0.18, 0.3)
     neck = radius * rng.uniform(0.3, 0.42)
-    r = radius * np.array([0.0, 0.92, 1.0, 1.0, 0.95, 0.7, 0.0]) + neck * np.array([0, 0, 0, 0, 0.0, 0.2, 0.0])
-    r[-2], z = neck * 1.25, np.array([0.0, 0.0, 0.02, 0.55, 0.66, 0.78, 0.0]) * height
-    profile = np.column_stack([r[:-1], z[:-1]])
-    profile = np.vstack([profile, [[neck, 0.84 * height], [neck, height], [0.0, height]]])
+    # A shoulder in many small steps: normals that differ much from their faces would leave black rims.
+    ease = np.linspace(0.0, 1.0, 25)
+    shoulder = neck + (radius - neck) * (1 + np.cos(np.pi * ease)) / 2
+    body = [[0.0, 0.0], [0.92 * radius, 0.0], [radius, 0.02 * height]]
+    profile = np.vstack(
+        [body, np.column_stack([shoulder, (0.55 + 0.29 * ease) * height]), [[neck, height], [0.0, height]]]
+    )
     profile[:, 1] -= height / 2
     kind = "glass" if rng.uniform() < 0.35 else "plastic"
     colour = (0.9, 0.95, 0.9) if kind == "glass" else paint(rng)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.surroundings.bodies import Body, Panel, Surroundings, blocks
+from roundel.scenes.surroundings.bodies import Body, Panel, Surroundings, blocks, frame_on
 from roundel.scenes.surroundings.gravity import footing_of
-from roundel.scenes.surroundings.objects import HOUSEHOLD, STREET, WORKSHOP, Maker, frame_on
+from roundel.scenes.surroundings.objects import HOUSEHOLD, STREET, WORKSHOP, Maker
 from roundel.scenes.surroundings.rooms import room_of, sun_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
-from roundel.scenes.surroundings.supports import support_of
+from roundel.scenes.surroundings.supports import support_of, top_of
 
 Array = NDArray[np.float64]
 
@@ -58,17 +58,18 @@ def _placed(kind: str, sheet: SheetPlace, objects: int, rng: np.random.Generator
         sheet.normal, sheet.centre, sheet.size_m, rng, _PREFERRED[kind], on_wall=kind in ("room", "outdoor")
     )
     up = footing.up
-    bodies, level, support = support_of(kind, sheet, footing, rng)
-    fixed = len(bodies)
+    supports, surface, support = support_of(kind, sheet, footing, rng)
+    shell: list[Body] = []
+    panels: list[Panel] = []
+    sun = None
     if kind == "outdoor":
-        panels: list[Panel] = []
         sun = sun_of(sheet, up, rng)
     else:
-        shell, panels = room_of(kind, sheet, up, level, support, rng)
-        bodies, sun = bodies + shell, None
-    _check_seen(bodies, sheet)
-    bodies += _objects(kind, sheet, up, level, bodies[:fixed], objects, rng)
-    return Surroundings(up, support, bodies, panels, sun, sheet.thickness_m)
+        shell, panels = room_of(kind, sheet, up, top_of(surface, up), support, rng)
+    fixed = [*supports, *shell]
+    _check_seen([*fixed, surface], sheet)
+    things = _objects(_MAKERS.get(kind, HOUSEHOLD), sheet, up, surface, fixed, objects, rng)
+    return Surroundings(up, support, [*fixed, surface, *things], panels, sun, sheet.thickness_m)
 
 
 def _check_seen(bodies: Sequence[Body], sheet: SheetPlace) -> None:
@@ -80,27 +81,30 @@ def _check_seen(bodies: Sequence[Body], sheet: SheetPlace) -> None:
 
 
 def _objects(
-    kind: str, sheet: SheetPlace, up: Array, level: float, support: Sequence[Body], count: int, rng: np.random.Generator
+    makers: Sequence[Maker],
+    sheet: SheetPlace,
+    up: Array,
+    surface: Body,
+    fixed: Sequence[Body],
+    count: int,
+    rng: np.random.Generator,
 ) -> list[Body]:
-    """Objects on the surface, each where it neither hides the marker nor stands in another."""
-    makers = _MAKERS.get(kind, HOUSEHOLD)
-    surface = support[-1] if len(support) else None
+    """Objects on the surface, each where it neither hides the marker nor stands in another body."""
     eye, points = np.zeros(3), sheet.seen + 1e-3 * sheet.normal
-    blockers = [*support[:-1]]
     placed: list[Body] = []
-    ground = sheet.centre + (level - float(sheet.centre @ up)) * up
-    reach = 0.35 + 1.5 * sheet.size_m if surface is None else 0.95 * float(min(surface.half_m[:2].max(), 2.5))
+    ground = sheet.centre + (top_of(surface, up) - float(sheet.centre @ up)) * up
+    reach = 0.95 * float(min(surface.half_m[:2].max(), 2.5))
     x, y = frame_on(up, 0.0)
     for _ in range(count):
         for _ in range(_TRIES):
             a, r = rng.uniform(0.0, 2 * np.pi), reach * np.sqrt(rng.uniform(0.02, 1.0))
             foot = ground + r * (np.cos(a) * x + np.sin(a) * y)
             body = makers[int(rng.integers(len(makers)))](rng, foot, up)
-            if surface is not None and not _rests_on(body, surface):
+            if not _rests_on(body, surface):
                 continue
             if blocks(body, eye, points, _CLEARANCE).any() or float(np.linalg.norm(foot)) < 0.25:
                 continue
-            if any(_near(body, other) for other in (*blockers, *placed)) or _over_sheet(body, sheet):
+            if any(_near(body, other) for other in (*fixed, *placed)) or _over_sheet(body, sheet):
                 continue
             placed.append(body)
             break
@@ -117,7 +121,7 @@ def _rests_on(body: Body, surface: Body) -> bool:
 
 
 def _near(a: Body, b: Body) -> bool:
-    """Whether the circles around the footprints overlap; of a wall or a long box its own box is tested."""
+    """Whether a sphere of three quarters of a body's extent reaches into the box of another."""
     local = b.camera_from_body[:3, :3].T @ (a.camera_from_body[:3, 3] - b.camera_from_body[:3, 3])
     beyond = np.maximum(np.abs(local) - b.half_m, 0.0)
     return float(np.linalg.norm(beyond)) < 0.75 * _radius(a)

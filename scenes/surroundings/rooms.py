@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.surroundings.bodies import Body, Material, Panel, pose_from_axes
-from roundel.scenes.surroundings.objects import frame_on
+from roundel.scenes.surroundings.bodies import Body, Material, Panel, frame_on, pose_from_axes
 from roundel.scenes.surroundings.sheet_place import SheetPlace
 
 Array = NDArray[np.float64]

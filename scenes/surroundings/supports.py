@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.surroundings.bodies import Body, Material, pose_from_axes
+from roundel.scenes.surroundings.bodies import Body, Material, frame_on, pose_from_axes
 from roundel.scenes.surroundings.gravity import Footing
-from roundel.scenes.surroundings.objects import frame_on, paint, standing
+from roundel.scenes.surroundings.objects import paint, standing
 from roundel.scenes.surroundings.sheet_place import SheetPlace
 
 Array = NDArray[np.float64]
@@ -15,20 +15,23 @@ Array = NDArray[np.float64]
 
 def support_of(
     kind: str, sheet: SheetPlace, footing: Footing, rng: np.random.Generator
-) -> tuple[list[Body], float, str]:
-    """What holds the sheet, the height of the surface that objects stand on (along up), and its name."""
+) -> tuple[list[Body], Body, str]:
+    """What holds the sheet, the surface that objects stand on, and the name of the support.
+
+    A sheet that lies on the surface has nothing else that holds it.
+    """
     up, normal, back = footing.up, sheet.normal, sheet.thickness_m
     heights = sheet.corners @ up
     if footing.posture == "flat":
         level = float(heights.mean()) - back
-        return [_surface(kind, sheet, up, level, rng)], level, "ground" if kind == "outdoor" else "table"
+        return [], _surface(kind, sheet, up, level, rng), "ground" if kind == "outdoor" else "table"
     across = np.cross(up, normal)
     across /= np.linalg.norm(across)
     along = np.cross(normal, across)
     spans = [np.ptp(sheet.corners @ axis) / 2 for axis in (across, along)]
     middle = sheet.centre
     if footing.posture == "upright" and kind in ("room", "outdoor"):
-        # The wall itself is made with the room; here is only where the floor or the table before it would be.
+        # The wall, and the ground or a table in front of it.
         level = float(heights.min()) - (rng.uniform(0.6, 1.2) if kind == "outdoor" else rng.uniform(0.05, 0.3))
         size = 6.0 + 4.0 * float(np.linalg.norm(middle))
         # No table between a low camera and the sheet.
@@ -39,7 +42,7 @@ def support_of(
             "box", pose_from_axes(across, along, normal, middle - (back + 0.1) * normal), np.array([size, size, 0.1]),
             Material(wall_kind, colour, 0.5, int(rng.integers(8))),
         )  # fmt: skip
-        return [wall, _surface(kind, sheet, up, level, rng)], level, "wall"
+        return [wall], _surface(kind, sheet, up, level, rng), "wall"
     margins = rng.uniform(0.015, 0.06, 2) + 0.1 * sheet.size_m
     if footing.posture == "upright":
         depth, drop = float(rng.uniform(0.05, 0.12)), float(rng.uniform(0.01, 0.06))
@@ -48,7 +51,7 @@ def support_of(
         centre = middle + ((high + low) / 2 - middle @ along) * along - (back + depth) * normal
         held = Body("box", pose_from_axes(across, along, normal, centre), half, _board(kind, rng))
         level = float(centre @ up) - half[1]
-        return [held, _surface(kind, sheet, up, level, rng)], level, "box"
+        return [held], _surface(kind, sheet, up, level, rng), "box"
     half = np.array([spans[0] + margins[0], spans[1] + margins[1], 0.006])
     board = Body(
         "box", pose_from_axes(across, along, normal, middle - (back + half[2]) * normal), half, _board(kind, rng)
@@ -61,7 +64,12 @@ def support_of(
         "box", np.array([0.02, 0.35 * half[0] + 0.01, height / 2]), foot - height * up - 0.04 * normal, up, 0.0,
         Material("wood", (0.4, 0.26, 0.14), 0.4, int(rng.integers(8))),
     )  # fmt: skip
-    return [board, prop, _surface(kind, sheet, up, level, rng)], level, "stand"
+    return [board, prop], _surface(kind, sheet, up, level, rng), "stand"
+
+
+def top_of(surface: Body, up: Array) -> float:
+    """Height of a surface's upper side, along up."""
+    return float(surface.camera_from_body[:3, 3] @ up + surface.half_m[2])
 
 
 def _board(kind: str, rng: np.random.Generator) -> Material:

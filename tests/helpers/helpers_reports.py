@@ -182,7 +182,7 @@ def estimate_rows(
     return rows
 
 
-def failed_row(frame_id: int, intrinsics: str, reason: str = "no ellipse found", method: str = "ml") -> dict[str, Any]:
+def failed_row(frame_id: int, intrinsics: str, reason: str = "no circle found", method: str = "ml") -> dict[str, Any]:
     """The single row of a frame without detections."""
     return {
         "frame_id": frame_id,

@@ -128,6 +128,7 @@ def test_a_wrong_world_is_one_line(tmp_path: Path, world: str, sentence: str) ->
     [
         (("", ""), "world room has its own lights; leave out light, or world"),
         (("0.08}", "0.08, clutter: {cell_m: 0.1, contrast: 0.2}}"), "has no bare wall"),
+        (("frames: 4", "motion: {marker: {velocity_m_s: [0.1, 0, 0]}}\nframes: 4"), "the sheet is at rest"),
     ],
 )
 def test_what_a_world_does_not_take_is_refused(tmp_path: Path, keys: tuple[str, str], sentence: str) -> None:

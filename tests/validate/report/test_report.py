@@ -140,7 +140,7 @@ def test_the_summary_agrees_with_the_scores(report: tuple[Path, Summary]) -> Non
     assert nothing.items() <= run["chosen"]["normal_error_deg"].items()
     assert len(summary.cells) == 27
     assert sum(c["n"] for c in summary.cells) == table.num_rows
-    assert {(f["reason"], f["count"]) for f in summary.failures} == {("no ellipse found", 1)}
+    assert {(f["reason"], f["count"]) for f in summary.failures} == {("no circle found", 1)}
     assert summary.dataset["circles"] == 36
 
 
@@ -149,7 +149,7 @@ def test_the_page_says_it_in_words(report: tuple[Path, Summary]) -> None:
     assert "Method ml found 35 of 36 circles" in words
     assert "none was chosen" in words
     assert "roundel solve DATASET ESTIMATES --method ml --intrinsics scaled:0.7" in words
-    assert "no ellipse found" in words
+    assert "no circle found" in words
 
 
 def test_chessboards_in_the_report(boards: tuple[Path, Summary]) -> None:

@@ -74,7 +74,7 @@ def test_missing_and_failed_frames_are_rows_with_a_reason(dataset: Dataset, tmp_
     rows = [r for r in estimate_rows(dataset, ["true"]) if r["frame_id"] not in (3, 7)]
     table = scored(dataset, tmp_path, [*rows, failed_row(3, "true")]).table
     lost = {r["frame_id"]: r for r in table.to_pylist() if not r["solved"]}
-    assert lost[3]["reason"] == "no ellipse found"
+    assert lost[3]["reason"] == "no circle found"
     assert lost[7]["reason"] == "the estimates have no row for this frame"
     assert lost[3]["oracle_normal_error_deg"] is None
     assert lost[3]["contour_error_px"] is None
