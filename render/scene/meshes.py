@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 _TURNS = 64
 _TUBE_SIDES = 12
-# Edges of a profile that turn by more than this are sharp.
-_SHARP_DEG = 35.0
+# Edges of a profile that turn by more than this are sharp: a long face must not borrow the normal of a short one.
+_SHARP_DEG = 20.0
 
 
 @dataclass(frozen=True, eq=False)

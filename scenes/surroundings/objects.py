@@ -63,6 +63,8 @@ def bottle(rng: np.random.Generator, foot: Array, up: Array) -> Body:
     profile[:, 1] -= height / 2
     kind = "glass" if rng.uniform() < 0.35 else "plastic"
     colour = (0.9, 0.95, 0.9) if kind == "glass" else paint(rng)
+    if kind == "glass":
+        profile = profile[1:-1]  # without its ends: a path has too few steps left to pass four panes
     material = Material(kind, colour, 0.1)
     return standing("lathe", np.array([radius, radius, height / 2]), foot, up, 0.0, material, profile=profile)
 
