@@ -77,7 +77,8 @@ def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
             "diameter_m": None if part.radius_m is None else 2 * part.radius_m,
             "layout": part.layout,
         }
-        for part in frame.sheet.parts
+        for view in frame.views()
+        for part in view.sheet.parts
     ]
     return record
 
@@ -123,12 +124,13 @@ def _collect(study: Study, dataset: Path, entries: dict[int, journal.Entry]) -> 
         check_numbers(dataset, frame, entries.get(frame.frame_id))
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
-        for part, row in zip(frame.sheet.parts, truth_of(frame), strict=True):
-            contents.row_poses.extend(row_poses_of(frame, part))
+        parts = [(view, part) for view in frame.views() for part in view.sheet.parts]
+        for (view, part), row in zip(parts, truth_of(frame), strict=True):
+            contents.row_poses.extend(row_poses_of(view, part))
             flags = ",".join(marker_flags(entry.get("flags", ()), row["visible_fraction"]))
             contents.rows.append({**row, **photometry.get(str(part.marker_id), {}), "flags": flags})
             if frame.settings.mode == "points" and part.radius_m is not None:
-                _add_points(contents.points, frame, part)
+                _add_points(contents.points, view, part)
         contents.cameras.append(camera_record(frame, entries.get(frame.frame_id)))
     return contents
 

@@ -64,7 +64,8 @@ def entry_of(
         "flags": frame_flags(developed.flags, (row["visible_fraction"] for row in truth_of(frame))),
         "photometry": {
             str(part.marker_id): developed.edge(planes["Y"], planes[coverage_channel(part.marker_id)])
-            for part in frame.sheet.parts
+            for view in frame.views()
+            for part in view.sheet.parts
             if part.radius_m is not None
         },
         "fidelity": fidelity,

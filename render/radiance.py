@@ -36,9 +36,11 @@ _PATHS = 0x5BD1E995
 
 Array32 = NDArray[np.float32]
 
-# From a sampler and rays: radiance, depth, whether the sheet's plane is hit, and the position (x, y) on it, in metres.
-Traced = tuple[Any, Any, Any, Any, Any]
+# From a sampler and rays: radiance, depth, and for each sheet whether it is hit, and the position (x, y) on it, metres.
+Traced = tuple[Any, Any, list[tuple[Any, Any, Any]]]
 Tracer = Callable[[Any, Any], Traced]
+# A part, and the index of its sheet.
+Placed = tuple[int, Part]
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
 
     shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), _tracer(dr, mi, frame))
     height, width = frame.camera.height_px, frame.camera.width_px
-    parts = frame.sheet.parts
+    parts = tuple((i, part) for i, view in enumerate(frame.views()) for part in view.sheet.parts)
 
-    def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Part, ...] = parts) -> Array32:
+    def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Placed, ...] = parts) -> Array32:
         # Each sample count has its own stream of random numbers.
         seed = (frame.ray_seed ^ (0x9E3779B9 * (2 * samples + purpose))) & 0xFFFFFFFF
         return _estimate(shot, pixels, samples, seed, what)
@@ -94,7 +96,7 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
         pixels = special[samples[special] == count]
         planes[:, pixels] = estimate(pixels, int(count), _PICTURE)
     shaped = planes.reshape(len(planes), height, width)
-    coverage = {part.marker_id: shaped[3 + i] for i, part in enumerate(parts)}
+    coverage = {part.marker_id: shaped[3 + i] for i, (_, part) in enumerate(parts)}
     return Radiance(shaped[0], shaped[1], shaped[2], coverage)
 
 
@@ -112,7 +114,7 @@ def _multijitter_count(samples: int) -> int:
     return side * math.ceil(samples / side)
 
 
-def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, parts: tuple[Part, ...]) -> Array32:
+def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, parts: tuple[Placed, ...]) -> Array32:
     """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
     per_replicate = _multijitter_count(samples // REPLICATES)
     per_chunk = max(1, _CHUNK // (per_replicate * REPLICATES))
@@ -125,7 +127,7 @@ def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, p
     return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
 
 
-def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int, parts: tuple[Part, ...]) -> Array32:
+def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int, parts: tuple[Placed, ...]) -> Array32:
     dr, mi, frame = shot.dr, shot.mi, shot.frame
     samples = per_replicate * REPLICATES
     rays = len(pixels) * samples
@@ -141,9 +143,11 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     row = index // width
     column = index - row * width
     ray, weight = shoot(dr, mi, shot.optics, column, row, sampler)
-    radiance, depth, on_plane, x_m, y_m = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
-    quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, dr.select(on_plane, depth, 0.0)]
-    quantities += [mi.Float(_covers(dr, mi, part, x_m, y_m) & on_plane) for part in parts]
+    radiance, depth, sheets = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
+    quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, depth]
+    for which, part in parts:
+        on_sheet, x_m, y_m = sheets[which]
+        quantities.append(mi.Float(_covers(dr, mi, part, x_m, y_m) & on_sheet))
     # Evaluated together; otherwise each sum would trace all rays again.
     dr.eval(quantities)
     mean, *others = (dr.block_sum(q, samples) / samples for q in quantities)

@@ -55,8 +55,9 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path) 
     planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
     planes |= {coverage_channel(marker_id): plane for marker_id, plane in radiance.coverage.items()}
     fidelity = {
-        str(part.marker_id): measure_circle(frame, part.marker_id, radiance.mean, radiance.variance)
-        for part in frame.sheet.parts
+        str(part.marker_id): measure_circle(view, part.marker_id, radiance.mean, radiance.variance)
+        for view in frame.views()
+        for part in view.sheet.parts
         if part.radius_m is not None
     }
     written = image_file(frame, developed)

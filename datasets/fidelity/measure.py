@@ -99,7 +99,7 @@ def measure_circle(
         return {"reason": "ink and paper have the same reflectance"}
     if frame.sheet.clutter is not None and any(seen.border for seen in predictions):
         return {"reason": "clutter on the wall is visible at its edge"}
-    if frame.surroundings is None:
+    if frame.on_wall:
         return compare(frame, predictions, radiance, variance)
     found = compare(frame, predictions, radiance, variance)
     # The fit has its shift and growth: what is left is no error of the edge but light that is not smooth.
@@ -143,7 +143,7 @@ def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _B
     wide = binary_dilation(wide, structure=np.ones((3, 3), dtype=bool), iterations=_BAND_PX)
     window = np.zeros_like(wide)
     window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = True
-    if frame.surroundings is not None:
+    if not frame.on_wall:
         # What lies beyond the sheet's border is not predicted.
         window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = seen.on_sheet > 1 - low
     rows, columns = np.nonzero(wide & window)

@@ -17,6 +17,7 @@ from roundel.datasets.fidelity.print_outlines import Outline
 from roundel.datasets.fidelity.quadrature import Nodes
 from roundel.scenes.camera.model import denormalise, distort_px
 from roundel.scenes.camera.motion import pose_at
+from roundel.scenes.markers.surfaces import Curve, lifted
 from roundel.scenes.world.frame import Frame
 
 Array = NDArray[np.float64]
@@ -30,6 +31,9 @@ _DEGREE = 12
 
 # Edges faster than this, in rows per row, outrun the shutter; others are found within so many rows of the first guess.
 _FASTEST, _MAX_ROWS = 0.8, 24
+
+# Of a pose: the plane's axes and origin first, its normal last.
+_COLUMNS = [0, 1, 3, 2]
 
 # Steps to the row that sees a point; each reduces the error by the speed, in rows per row.
 _ROW_STEPS = 8
@@ -67,22 +71,26 @@ def image_points(
     return px[..., 0] - airy_px[0], px[..., 1] - airy_px[1]
 
 
-def _placed(pose: Array, x: Array, y: Array) -> list[Array]:
-    """Points of a sheet's plane in the camera frame, given poses (..., 3, 3) with columns x axis, y axis and origin."""
-    return [pose[..., i, 0] * x + pose[..., i, 1] * y + pose[..., i, 2] for i in range(3)]
+def _placed(curve: Curve | None, pose: Array, x: Array, y: Array) -> list[Array]:
+    """Points of a sheet's paper in the camera frame, given poses (..., 3, 4) with columns x, y, origin and z axis."""
+    if curve is None:
+        return [pose[..., i, 0] * x + pose[..., i, 1] * y + pose[..., i, 2] for i in range(3)]
+    at = lifted(curve, x, y)
+    x, y, z = at[..., 0], at[..., 1], at[..., 2]
+    return [pose[..., i, 0] * x + pose[..., i, 1] * y + pose[..., i, 3] * z + pose[..., i, 2] for i in range(3)]
 
 
 def _poses(frame: Frame, time: Array) -> Array:
-    """Poses (..., 3, 3) with columns x axis, y axis and origin, at times (...)."""
+    """Poses (..., 3, 4) with columns x axis, y axis, origin and z axis, at times (...)."""
     if not frame.motion.moves:
-        return np.broadcast_to(frame.camera_from_sheet[:3, [0, 1, 3]], (*time.shape, 3, 3))
+        return np.broadcast_to(frame.camera_from_sheet[:3, _COLUMNS], (*time.shape, 3, 4))
     middle, half = (time.max() + time.min()) / 2, max((time.max() - time.min()) / 2, 1e-12)
     knots = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
-    known = pose_at(frame.motion, frame.camera_from_sheet, middle + half * knots)[:, :3][:, :, [0, 1, 3]]
+    known = pose_at(frame.motion, frame.camera_from_sheet, middle + half * knots)[:, :3][:, :, _COLUMNS]
     vander = np.polynomial.chebyshev.chebvander
-    coefficients = np.linalg.solve(vander(knots, _DEGREE), known.reshape(-1, 9))
+    coefficients = np.linalg.solve(vander(knots, _DEGREE), known.reshape(-1, 12))
     table = vander(((time - middle) / half).ravel(), _DEGREE) @ coefficients
-    return np.asarray(table.reshape(*time.shape, 3, 3), dtype=np.float64)
+    return np.asarray(table.reshape(*time.shape, 3, 4), dtype=np.float64)
 
 
 def images_of(frame: Frame, x: Array, y: Array, nodes: Nodes, box: Box | None = None) -> tuple[Array, Array]:
@@ -94,7 +102,7 @@ def images_of(frame: Frame, x: Array, y: Array, nodes: Nodes, box: Box | None = 
     row = np.full(shape if rolls else (len(nodes), 1), frame.motion.centre_row_px)
     for _ in range(_ROW_STEPS if rolls else 1):
         pose = _poses(frame, nodes.time_s[:, None] + frame.motion.row_time_s(row))
-        px = image_points(frame, _placed(pose, x, y), nodes.lens_m.T[:, :, None], nodes.airy_px.T[:, :, None], box)
+        px = image_points(frame, _placed(frame.sheet.curve, pose, x, y), nodes.lens_m.T[:, :, None], nodes.airy_px.T[:, :, None], box)
         row = px[1]
     return px
 
@@ -149,7 +157,7 @@ def _add_rolling(frame: Frame, x: Array, y: Array, nodes: Nodes, weights: Array,
     lens, airy = (np.repeat(a.T, size, axis=1) for a in (nodes.lens_m, nodes.airy_px))
 
     def at(which: Cells | slice, row: Cells, x: Array, y: Array) -> tuple[Array, Array]:
-        points = _placed(table[node[which], row - low], x[which], y[which])
+        points = _placed(frame.sheet.curve, table[node[which], row - low], x[which], y[which])
         return image_points(frame, points, lens[:, which], airy[:, which], box)
 
     # Row that sees a vertex: solved for the first node, and within a row of that for all others.

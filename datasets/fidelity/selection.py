@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from roundel.datasets.fidelity.prediction import is_sharp
 from roundel.scenes.camera.model import distorts
+from roundel.scenes.camera.motion import image_of
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
+from roundel.scenes.geometry.pose import transform_points
 from roundel.scenes.markers.marker import Part, Sectors
+from roundel.scenes.markers.surfaces import lifted
 from roundel.scenes.truth.truth import defocus_radius_px
+from roundel.scenes.truth.visibility import visibility
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.occluders import hidden, plates_of
+from roundel.scenes.world.placement import part_outline
 
 # Sharp circles take milliseconds and are all measured; blurred ones in so many frames per group, circles per frame.
 SAMPLED_FRAMES = 16
@@ -64,24 +70,35 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
         return "a lamp hides or shades it"
     if np.isfinite(camera.barrel_radius_m):
         return "the lens barrel vignettes it"
+    if frame.others and visibility(frame, part, _outline_px(frame, part))[1]:
+        return "another sheet or the image border hides some of it"
+    # Of a bent sheet, the circle in its tangent plane.
     ellipse = ellipse_of_conic(conic_of_circle(frame.camera_from_part(part), part.radius_m, camera.K))
     if ellipse[3] < _SMALLEST_PX:
         return f"smaller than {_SMALLEST_PX:g} px"
     return None
 
 
+def _outline_px(frame: Frame, part: Part) -> NDArray[np.float64]:
+    return image_of(frame.camera, frame.motion, frame.camera_from_sheet, part_outline(frame.sheet, part, 64))[0]
+
+
 def _behind_a_lamp(frame: Frame, part: Part) -> bool:
     """Whether an area lamp is between a circle and the camera, a point light, or the sun."""
     assert part.radius_m is not None
     light, pose = frame.settings.light, frame.camera_from_sheet
-    plates = plates_of(frame.settings, pose)
+    plates = plates_of(frame.settings, frame.camera_from_first)
     if not plates:
         return False
     if light.sky is not None and light.sky.sun > 0:
         return True
     turn, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 24, endpoint=False), _AROUND * part.radius_m)
     x, y = (part.x_m + radius * np.cos(turn)).ravel(), (part.y_m + radius * np.sin(turn)).ravel()
-    around = np.column_stack([x, y, np.zeros_like(x)])
+    around = lifted(frame.sheet.curve, x, y)
+    if frame.first is not None:
+        # Plates are placed in the frame of the study's own sheet.
+        around = transform_points(np.linalg.inv(frame.camera_from_first) @ pose, around)
+        pose = frame.camera_from_first
     eyes = [np.zeros(3), *(np.array(lamp.position_m) for lamp in light.lamps if lamp.kind == "point")]
     for eye in eyes:
         moved = pose.copy()

@@ -60,7 +60,19 @@ TRUTH_COLUMNS = (
     TruthColumns(
         ("contour_x_px", "contour_y_px"), _LIST, "px", "256 points of the outline, **distorted**; a board's rectangle"
     ),
-    TruthColumns(("visible_fraction",), _F, "1", "share of the marker's area inside the image"),
+    TruthColumns(
+        ("visible_fraction",), _F, "1", "fraction of the marker's area that is inside the image and not hidden"
+    ),
+    TruthColumns(
+        ("hidden_by",), _TEXT, "",
+        "what hides the rest, comma-separated: image border, occluder, lamp, sheet; empty if nothing does",
+    ),
+    TruthColumns(
+        ("surface",), _TEXT, "",
+        "flat; cylinder or bent: pose and vanishing line are those of the tangent plane at the marker's centre, and the "
+        "columns of conic, ellipse and second candidate are empty, because the image is no conic",
+    ),
+    TruthColumns(("curvature_radius_m",), _F, "m", "radius of curvature at the sheet's origin; null if flat"),
     TruthColumns(
         ("edge_contrast_dn",), _F, "dn of the file",
         "absolute difference of the mean levels within 4 px inside and outside the edge, of colours the mean of their "

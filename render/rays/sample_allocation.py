@@ -16,6 +16,7 @@ from roundel.scenes.camera.airy import REACH, spread_px
 from roundel.scenes.camera.model import Camera, project
 from roundel.scenes.camera.motion import pose_at
 from roundel.scenes.markers.outlines import edge_reach_m, outlines
+from roundel.scenes.markers.surfaces import lifted
 from roundel.scenes.truth.truth import defocus_radius_px
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.occluders import occluder_outlines_m, plates_of
@@ -26,6 +27,9 @@ _STEP_PX = 0.4
 # An edge is drawn at so many poses that it moves less than this from one to the next.
 _MOTION_STEP_PX = 0.5
 _MOST_POSES = 257
+
+# A side of a polyline on a bent sheet is divided into so many.
+_BENT_STEPS = 16
 
 # Five per cent of the Airy pattern's light falls beyond this x; the pilot of the whole frame covers it.
 _AIRY_CORE = 12.7
@@ -133,7 +137,28 @@ def _dilated(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 def sample_map(frame: Frame) -> SampleMap:
     """Masks of the pixels where a frame's edges are imaged."""
-    border, *edges = [np.column_stack([line, np.zeros(len(line))]) for line in outlines(frame.sheet)]
-    things = occluder_outlines_m(plates_of(frame.settings, frame.camera_from_sheet), np.eye(4))
-    edge = _band(frame, edges + things)
-    return SampleMap(edge, _band(frame, [border]) & ~edge)
+    maps = [_map_of(view) for view in frame.views()]
+    if len(maps) == 1:
+        return maps[0]
+    edge = np.logical_or.reduce([m.edge for m in maps])
+    return SampleMap(edge, np.logical_or.reduce([m.border for m in maps]) & ~edge)
+
+
+def _map_of(view: Frame) -> SampleMap:
+    """Masks of one sheet of a frame; the occluders belong to the first."""
+    border, *edges = [_on_sheet(view, line) for line in outlines(view.sheet)]
+    things = []
+    if view.first is None:
+        things = occluder_outlines_m(plates_of(view.settings, view.camera_from_sheet), np.eye(4))
+    edge = _band(view, edges + things)
+    return SampleMap(edge, _band(view, [border]) & ~edge)
+
+
+def _on_sheet(view: Frame, line: Array) -> Array:
+    """A polyline (n, 2) of the paper as (m, 3) in the sheet's frame, with more points if the sheet is bent."""
+    if view.sheet.curve is None:
+        return np.column_stack([line, np.zeros(len(line))])
+    along = np.linspace(0, 1, _BENT_STEPS, endpoint=False)[:, None, None]
+    dense = (line[:-1] + along * np.diff(line, axis=0)).transpose(1, 0, 2).reshape(-1, 2)
+    dense = np.concatenate([dense, line[-1:]])
+    return lifted(view.sheet.curve, dense[:, 0], dense[:, 1])

@@ -38,6 +38,7 @@ def register_ink(mi: Any) -> None:
             self.x_axis = [number(v) for v in x_axis]
             self.y_axis = [number(v) for v in y_axis]
             self.origin = [number(v) for v in origin]
+            self.bent = sheet.curve is not None
             self.low, self.high = [number(v) for v in sheet.low_m], [number(v) for v in sheet.high_m]
             self.paper, self.wall = number(sheet.paper), number(sheet.wall)
             self.soft = sheet.edge_softness_m > 0
@@ -45,6 +46,10 @@ def register_ink(mi: Any) -> None:
             self.grain = (grain_of(mi, sheet.grain_m, sheet.seed), number(sheet.grain)) if sheet.grain > 0 else None
             clutter = sheet.clutter
             self.clutter = (clutter_of(mi, clutter, sheet.seed), number(clutter.contrast)) if clutter else None
+
+        def on_paper(self, si: Any) -> tuple[Any, Any]:
+            """Coordinates on the paper, metres, of hit points; a bent sheet has them as its texture coordinates."""
+            return (si.uv.x, si.uv.y) if self.bent else self.in_plane(si.p)
 
         def in_plane(self, point: Any) -> tuple[Any, Any]:
             """Coordinates in the sheet's plane, metres, of points on it."""
@@ -54,7 +59,7 @@ def register_ink(mi: Any) -> None:
             return x, y
 
         def reflectance(self, point: Any) -> Any:
-            """Reflectance at points of the world, which lie in the sheet's plane."""
+            """Reflectance at points of the world, which lie in a flat sheet's plane."""
             return self.reflectance_at(*self.in_plane(point))
 
         def reflectance_at(self, x: Any, y: Any) -> Any:
@@ -78,10 +83,10 @@ def register_ink(mi: Any) -> None:
             return dr.select(on_sheet, value, wall)
 
         def eval(self, si: Any, active: Any = True) -> Any:
-            return mi.UnpolarizedSpectrum(self.reflectance(si.p))
+            return mi.UnpolarizedSpectrum(self.reflectance_at(*self.on_paper(si)))
 
         def eval_1(self, si: Any, active: Any = True) -> Any:
-            return self.reflectance(si.p)
+            return self.reflectance_at(*self.on_paper(si))
 
         def mean(self) -> Any:
             return self.paper

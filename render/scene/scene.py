@@ -11,19 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from roundel.render.scene import ink
 from roundel.render.scene.bodies import WITNESSES, panel_shape, shape_of
 from roundel.render.scene.lights import emitters, unit_of, world_sky
-from roundel.render.scene.materials import occluders, placed_opaquely, surface
+from roundel.render.scene.materials import occluders
 from roundel.render.scene.paths import radiance_along
+from roundel.render.scene.sheets import BuiltSheet, built_sheet, painted, paper_body, wall_around, wall_behind
 from roundel.scenes.surroundings.bodies import Body, Surroundings
 from roundel.scenes.world.frame import Frame
 
-# The wall extends this many marker distances to each side; beyond it the environment is visible.
-WALL_DISTANCES = 4.0
 # Reflections between light and camera in a world, if the study does not ask for more.
 WORLD_BOUNCES = 4
-_BELOW_M = 2e-6
 # One small body of each material is in every world, far under its ground: the kernel then is the same in all of them.
 _OUT_OF_SIGHT_M = 60.0
 
@@ -32,15 +29,14 @@ _OUT_OF_SIGHT_M = 60.0
 class Built:
     """A frame as Mitsuba objects.
 
-    `texture` is the ink, `plane` points to the shape of sheet and wall, `unit` is the radiance that equals 1 in the
-    scene. In a world, `emitters` are sampled one by one.
+    `sheets` are in the order of the frame's views; of a single flat one on a wall, the shape is both. `unit` is the
+    radiance that equals 1 in the scene. In a world, `emitters` are sampled one by one.
     """
 
     mi: Any
     scene: Any
     integrator: Any
-    texture: Any
-    plane: Any
+    sheets: tuple[BuiltSheet, ...]
     unit: Any
     emitters: tuple[Any, ...] = ()
 
@@ -57,52 +53,31 @@ def build_scene(mi: Any, frame: Frame) -> Built:
     """
     import drjit as dr
 
-    texture = mi.load_dict({"type": ink.NAME})
-    texture.paint(frame.sheet, frame.camera_from_sheet)
     if frame.surroundings is not None:
-        return _world(mi, frame, frame.surroundings, texture)
-    half = WALL_DISTANCES * float(np.linalg.norm(frame.camera_from_sheet[:3, 3]))
-    plane = placed_opaquely(
-        mi,
-        {
-            "type": "rectangle",
-            "to_world": mi.ScalarTransform4f(frame.camera_from_sheet) @ mi.ScalarTransform4f().scale([half, half, 1.0]),
-            "print": surface(frame.settings.marker.surface, texture),
-        },
-    )
-    scene = mi.load_dict({"type": "scene", "plane": plane, **occluders(mi, frame), **emitters(mi, frame)})
-    # The pointer differs between frames; the kernel must not.
-    pointer = mi.ShapePtr(plane)
-    dr.make_opaque(pointer)
-    return Built(mi, scene, mi.load_dict(_integrator(frame)), texture, pointer, dr.opaque(mi.Float, unit_of(frame)))
+        return _world(mi, frame, frame.surroundings)
+    if frame.on_wall:
+        texture = painted(mi, frame)
+        plane = wall_around(mi, frame, texture)
+        pointer = mi.ShapePtr(plane)
+        dr.make_opaque(pointer)
+        shapes, sheets = {"plane": plane}, [BuiltSheet(texture, plane, pointer)]
+    else:
+        sheets = [built_sheet(mi, view, f"sheet_{i}") for i, view in enumerate(frame.views())]
+        shapes = {f"sheet_{i}": built.shape for i, built in enumerate(sheets)} | {"wall": wall_behind(mi, frame)}
+    scene = mi.load_dict({"type": "scene", **shapes, **occluders(mi, frame), **emitters(mi, frame)})
+    integrator = mi.load_dict(_integrator(frame))
+    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, unit_of(frame)))
 
 
-def _world(mi: Any, frame: Frame, around: Surroundings, texture: Any) -> Built:
-    """The sheet as a body among others."""
+def _world(mi: Any, frame: Frame, around: Surroundings) -> Built:
+    """The sheets as bodies among others."""
     import drjit as dr
 
-    (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
-    placed = mi.ScalarTransform4f(frame.camera_from_sheet) @ mi.ScalarTransform4f().translate(
-        [(x0 + x1) / 2, (y0 + y1) / 2, 0.0]
-    )
-    half = [(x1 - x0) / 2, (y1 - y0) / 2]
-    plane = placed_opaquely(
-        mi,
-        {
-            "type": "rectangle",
-            "to_world": placed @ mi.ScalarTransform4f().scale([*half, 1.0]),
-            "print": surface(frame.settings.marker.surface, texture),
-        },
-    )
-    # The paper's body ends just below its face: two surfaces in one plane would hide each other by chance.
-    thick = around.sheet_thickness_m / 2
-    paper = {
-        "type": "cube",
-        "to_world": placed
-        @ mi.ScalarTransform4f().translate([0.0, 0.0, -thick - _BELOW_M])
-        @ mi.ScalarTransform4f().scale([*half, max(thick - _BELOW_M, 1e-5)]),
-        "bsdf": {"type": "diffuse", "reflectance": frame.sheet.paper},
-    }
+    sheets = [built_sheet(mi, view, f"sheet_{i}") for i, view in enumerate(frame.views())]
+    shapes = {"plane" if i == 0 else f"sheet_{i}": built.shape for i, built in enumerate(sheets)}
+    for i, view in enumerate(frame.views()):
+        if view.sheet.curve is None:
+            shapes["paper" if i == 0 else f"paper_{i}"] = paper_body(mi, view, around.sheet_thickness_m)
     things: dict[str, Any] = {}
     for i, body in enumerate(around.bodies):
         things[f"body_{i}"] = shape_of(mi, f"body_{i}", body)
@@ -113,40 +88,40 @@ def _world(mi: Any, frame: Frame, around: Surroundings, texture: Any) -> Built:
     for i, panel in enumerate(around.panels):
         things[f"panel_{i}"] = panel_shape(mi, panel)
     things |= world_sky(mi, around)
-    scene = mi.load_dict({"type": "scene", "plane": plane, "paper": paper, **things, **occluders(mi, frame)})
-    pointer = mi.ShapePtr(plane)
-    dr.make_opaque(pointer)
+    scene = mi.load_dict({"type": "scene", **shapes, **things, **occluders(mi, frame)})
     # The first reflection is `radiance_along`'s own.
     depth = max(frame.settings.render.bounces, WORLD_BOUNCES)
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-    return Built(mi, scene, integrator, texture, pointer, dr.opaque(mi.Float, 1.0), tuple(scene.emitters()))
+    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, 1.0), tuple(scene.emitters()))
 
 
-def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, Any, Any, Any]:
+def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
     """Radiance along rays, by Mitsuba's integrator.
 
     Returns
     -------
     radiance : Spectrum
     depth : Float
-        Z of the first hit, metres.
-    on_plane : Bool
-        Whether the first hit is the print or the wall, not an object in front of them.
-    x, y : Float
-        Position on the print's plane, metres.
+        Z of the first hit, metres; 0 where nothing is hit.
+    sheets : list of (Bool, Float, Float)
+        For each sheet whether the first hit is its print (or the wall that it is printed on), not an object in front of
+        it, and the position x, y on its paper, metres.
     """
+    import drjit as dr
+
     if built.emitters:
         radiance, hit = radiance_along(built.mi, built.scene, built.integrator, built.emitters, sampler, ray)
     else:
         radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
         hit = built.scene.ray_intersect(ray)
-    on_plane = hit.is_valid() & (hit.shape == built.plane)
-    return radiance * built.unit, hit.p.z, on_plane, *built.texture.in_plane(hit.p)
+    valid = hit.is_valid()
+    sheets = [(valid & (hit.shape == sheet.pointer), *sheet.texture.on_paper(hit)) for sheet in built.sheets]
+    return radiance * built.unit, dr.select(valid, hit.p.z, 0.0), sheets
 
 
 def _integrator(frame: Frame) -> dict[str, Any]:
     light, bounces = frame.settings.light, frame.settings.render.bounces
-    is_matte = frame.settings.marker.surface.kind == "matte"
+    is_matte = all(view.settings.marker.surface.kind == "matte" for view in frame.views())
     if bounces > 1:
         # Every path has its full length: Russian roulette would add noise.
         return {"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2}

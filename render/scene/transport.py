@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.render.scene import ink
 from roundel.render.scene.lights import environment_of, in_colour, unit_of
-from roundel.render.scene.scene import WALL_DISTANCES
+from roundel.render.scene.sheets import WALL_DISTANCES
 from roundel.scenes.camera.model import project, ray_direction
 from roundel.scenes.geometry.pose import transform_points
 from roundel.scenes.study.light_section import AreaLampSection, PointLampSection
@@ -79,7 +79,7 @@ def is_plain(frame: Frame) -> bool:
     light = frame.settings.light
     areas = [lamp for lamp in light.lamps if isinstance(lamp, AreaLampSection)]
     return (
-        frame.surroundings is None
+        frame.on_wall
         and frame.settings.marker.surface.kind == "matte"
         and frame.settings.render.bounces == 1
         and not frame.settings.occluders
@@ -180,18 +180,18 @@ def _past_the_wall(dr: Any, mi: Any, scene: PlainScene, ray: Any) -> Any:
     return emitter.eval(there) * unit
 
 
-def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[Any, Any, Any, Any, Any]:
+def trace(
+    dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any
+) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
     """Radiance along rays.
 
     Returns
     -------
     radiance : Spectrum
     depth : Float
-        Z of the hit point, metres.
-    on_plane : Bool
-        Whether the plane of the sheet is hit.
-    x, y : Float
-        Position on it, metres.
+        Z of the hit point, metres; 0 where the plane is not hit.
+    sheets : list of (Bool, Float, Float)
+        Whether the plane of the sheet is hit, and the position on it, metres.
     """
     distance = dr.dot(scene.origin - ray.o, scene.normal) / dr.dot(ray.d, scene.normal)
     hit = ray.o + ray.d * distance
@@ -217,4 +217,4 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
         arriving = arriving + shown * (geometry * dr.inv_pi)
     reflected = arriving * scene.texture.reflectance_at(x, y)
     radiance = dr.select(on_plane, dr.select(printed, reflected, mi.Spectrum(0.0)), _past_the_wall(dr, mi, scene, ray))
-    return radiance, hit.z, on_plane, x, y
+    return radiance, dr.select(on_plane, hit.z, 0.0), [(on_plane, x, y)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from roundel.render.sensor.demosaic import filter_of
 from roundel.scenes.camera.model import project
 from roundel.scenes.geometry.pose import transform_points
+from roundel.scenes.markers.surfaces import lifted
 from roundel.scenes.study.sensor_section import SensorSection
 from roundel.scenes.world.frame import Frame
 
@@ -29,7 +30,7 @@ def sheet_pixels(frame: Frame) -> Pixels:
     (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
     steps = (np.arange(_METERED_SIDE) + 0.5) / _METERED_SIDE
     x, y = (a.ravel() for a in np.meshgrid(x0 + (x1 - x0) * steps, y0 + (y1 - y0) * steps))
-    px = project(frame.camera, transform_points(frame.camera_from_sheet, np.column_stack([x, y, np.zeros_like(x)])))
+    px = project(frame.camera, transform_points(frame.camera_from_sheet, lifted(frame.sheet.curve, x, y)))
     height, width = frame.camera.height_px, frame.camera.width_px
     with np.errstate(invalid="ignore"):
         seen = np.all((px >= -0.5) & (px < [width - 0.5, height - 0.5]), axis=1)

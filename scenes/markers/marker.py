@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.markers.surfaces import Curve
+
 
 @dataclass(frozen=True)
 class Disc:
@@ -159,6 +161,8 @@ class Sheet:
     clutter : Clutter or None
     seed : int
         Seed of grain and clutter, 0 to 2^32 - 1.
+    curve : Curve or None
+        How the paper is bent; None if it is flat.
     """
 
     low_m: tuple[float, float]
@@ -172,6 +176,7 @@ class Sheet:
     grain_m: float = 0.0005
     clutter: Clutter | None = None
     seed: int = 0
+    curve: Curve | None = None
 
 
 def is_smooth(sheet: Sheet) -> bool:

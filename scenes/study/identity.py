@@ -58,12 +58,17 @@ def frame_numbers(frame: Frame) -> dict[str, Any]:
     dict
         `drawn`: {dotted key: value}, to nine significant digits; `level`; `seeds`: noise, rays, sensor, sheet;
         `K`: 9 values, px; `camera_from_sheet`: 16 values, lengths in m, both to nine decimals.
-        In a world also `up`, and `world`: a checksum of where everything stands.
+        In a world also `up`, and `world`: a checksum of where everything stands; with further sheets `others`: kind,
+        border and pose of each.
     """
+    others = [
+        [o.marker.kind, _rounded([*o.sheet.low_m, *o.sheet.high_m]), _rounded(o.camera_from_sheet)] for o in frame.others
+    ]
     around = frame.surroundings
     world = {} if around is None else {"up": _rounded(around.up), "world": _sha256(_placed(around))}
     return {
         **world,
+        **({"others": others} if others else {}),
         "group": frame.group,
         "index": frame.index,
         "level": frame.level,
@@ -76,8 +81,13 @@ def frame_numbers(frame: Frame) -> dict[str, Any]:
 
 def _placed(around: Surroundings) -> list[Any]:
     """Where everything of a world stands; places to a micrometre."""
-    bodies = [[b.shape, b.material.kind, *np.round(b.camera_from_body[:3], 6).ravel().tolist()] for b in around.bodies]
-    panels = [np.round(p.camera_from_panel[:3], 6).ravel().tolist() for p in around.panels]
+
+    def place(pose: Any) -> list[float]:
+        # Adding zero converts -0.0, which depends on the machine, to 0.0.
+        return [float(v) + 0.0 for v in np.round(pose[:3], 6).ravel()]
+
+    bodies = [[b.shape, b.material.kind, *place(b.camera_from_body)] for b in around.bodies]
+    panels = [place(p.camera_from_panel) for p in around.panels]
     return [around.support, bodies, panels]
 
 

@@ -13,7 +13,7 @@ TagFamily = Literal["aruco_4x4_50", "aruco_5x5_100", "aruco_6x6_250", "apriltag_
 
 
 class SurfaceSection(Section):
-    """Reflection of print and paper: matte or glossy."""
+    """Reflection of print and paper, and the surface that the paper is bent to."""
 
     kind: Literal["matte", "plastic", "laminate"] = Field(
         default="matte",
@@ -21,6 +21,27 @@ class SurfaceSection(Section):
     )
     roughness: Roughness = Field(default=0.1, description="GGX alpha of the gloss")
     ior: Index = Field(default=1.5, description="refractive index of the gloss")
+    shape: Literal["flat", "cylinder", "bent"] = Field(
+        default="flat",
+        description="flat; cylinder: as glued round a can; bent: a wave of paper, most curved at the marker's centre",
+    )
+    radius_m: Positive | None = Field(
+        default=None, description="radius of curvature at the marker's centre, m; of a cylinder or bent paper"
+    )
+    axis_deg: Turn = Field(
+        default=90.0, description="direction in the sheet that stays straight, degrees from +X toward +Y"
+    )
+    wave_m: Positive | None = Field(default=None, description="length of a wave along the paper, m; of bent paper")
+
+    @model_validator(mode="after")
+    def _bent_as_said(self) -> SurfaceSection:
+        if self.shape == "flat" and (self.radius_m is not None or self.wave_m is not None):
+            raise ValueError("radius_m and wave_m need shape: cylinder or bent")
+        if self.shape != "flat" and self.radius_m is None:
+            raise ValueError(f"shape {self.shape} needs radius_m")
+        if (self.wave_m is not None) != (self.shape == "bent"):
+            raise ValueError("wave_m belongs to shape bent, which needs it")
+        return self
 
 
 class ClutterSection(Section):

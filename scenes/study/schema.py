@@ -15,9 +15,10 @@ from roundel.scenes.study.camera_section import CameraSection, MotionSection
 from roundel.scenes.study.layers import preset_names
 from roundel.scenes.study.light_section import LightSection, OccluderSection
 from roundel.scenes.study.marker_section import CIRCULAR, Marker
+from roundel.scenes.study.pose_section import MarkersSection, PoseSection
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.sensor_section import SensorSection
-from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Spread, Tilt, Turn
+from roundel.scenes.study.values import NonNegative, Positive, Spread
 from roundel.scenes.study.world_section import WORLDS, WorldSection
 
 SCHEMA_VERSION = 1
@@ -26,41 +27,6 @@ SCHEMA_VERSION = 1
 MIN_CALIBRATION_VIEWS = 3
 
 Key = tuple[str | int, ...]
-
-
-class PoseSection(Section):
-    """Pose of the marker; exactly one of the two distances is given."""
-
-    distance_D: Positive | None = Field(
-        default=None,
-        description="distance from the camera centre to the circle's centre, in marker diameters; instead of "
-        "distance_m",
-    )
-    distance_m: Positive | None = Field(
-        default=None, description="distance from the camera centre to the marker's centre, m"
-    )
-    tilt_deg: Tilt = Field(
-        default=0.0, description="angle between the marker's plane normal and the optical axis, degrees"
-    )
-    azimuth_deg: Turn = Field(
-        default=0.0, description="direction in which the marker is tilted, degrees from +x toward +y"
-    )
-    tilt_from: Literal["line_of_sight"] | None = Field(
-        default=None, description="measure tilt and azimuth from the line of sight; default: from the optical axis"
-    )
-    roll_deg: Turn = Field(default=0.0, description="rotation of the marker in its own plane, degrees")
-    offset_x_px: AnyValue = Field(
-        default=0.0, description="image of the marker's centre relative to the principal point, px"
-    )
-    offset_y_px: AnyValue = Field(
-        default=0.0, description="image of the marker's centre relative to the principal point, px"
-    )
-
-    @model_validator(mode="after")
-    def _one_distance(self) -> PoseSection:
-        if (self.distance_D is None) == (self.distance_m is None):
-            raise ValueError("give either distance_D or distance_m")
-        return self
 
 
 class RenderSection(Section):
@@ -128,6 +94,9 @@ class GroupSection(Section):
     render: RenderSection = Field(default=RenderSection(), description="number of rays, and what is kept")
     points: PointsSection = Field(default=PointsSection(), description="noise of points mode")
     world: WorldSection = Field(default=WorldSection(), description="what stands around the sheet")
+    markers: MarkersSection = Field(
+        default=MarkersSection(), description="further markers, each on a sheet of its own: a list, or a count"
+    )
     sweep: SweepSection | None = Field(default=None, description="repeat the same frames at several values of one key")
 
     @cached_property
@@ -143,7 +112,8 @@ class GroupSection(Section):
                     walk(item, (*where, i))
             elif isinstance(node, BaseModel):
                 for name in type(node).model_fields:
-                    walk(getattr(node, name), (*where, name))
+                    if name not in type(node).drawn_apart:
+                        walk(getattr(node, name), (*where, name))
 
         walk(self, ())
         return found
@@ -157,6 +127,20 @@ class GroupSection(Section):
                 raise ValueError(f"marker.clutter: world {self.world.kind} has no bare wall; use world.objects")
             if self.motion.marker != MotionSection().marker:
                 raise ValueError(f"motion.marker: in world {self.world.kind} the sheet is at rest; move the camera")
+        return self
+
+    @model_validator(mode="after")
+    def _sheets_apart(self) -> GroupSection:
+        bent = self.marker.surface.shape != "flat"
+        if not bent and not self.markers.any:
+            return self
+        what = "markers" if self.markers.any else "marker.surface.shape"
+        if self.marker.clutter is not None:
+            raise ValueError(f"marker.clutter: shapes on the wall need a single flat sheet; leave out clutter, or {what}")
+        if self.markers.any and self.motion.marker != MotionSection().marker:
+            raise ValueError("motion.marker: one of several markers cannot move by itself; move the camera")
+        if bent and self.mode == "points" and self.motion.readout_s != 0:
+            raise ValueError("motion.readout_s: points of a bent sheet need a global shutter; leave it out")
         return self
 
     @model_validator(mode="after")
@@ -234,6 +218,13 @@ def json_schema() -> dict[str, Any]:
     properties["world"] = {
         "anyOf": [{"enum": list(WORLDS)}, {"$ref": "#/$defs/WorldSection"}],
         "description": "what stands around the sheet: a kind, or its keys",
+    }
+    properties["markers"] = {
+        "anyOf": [
+            {"type": "array", "items": {"$ref": "#/$defs/FurtherMarkerSection"}},
+            {"$ref": "#/$defs/MarkersSection"},
+        ],
+        "description": "further markers, each on a sheet of its own: a list, or a count",
     }
     properties["preset"] = {"enum": preset_names(), "description": "preset whose keys the study's own override"}
     overrides = {"type": "object", "properties": properties, "additionalProperties": False}

@@ -41,6 +41,7 @@ _SHARED = (
     "camera",
     "marker",
     "pose",
+    "markers",
     "motion",
     "light",
     "occluders",
@@ -81,7 +82,7 @@ class Study:
         """The dataset_id: sha256 of everything that determines the frames; see `scenes.study.identity`."""
         return study_digest(self)
 
-    def error(self, message: str, group: str, *keys: str) -> StudyError:
+    def error(self, message: str, group: str, *keys: str | int) -> StudyError:
         """A StudyError at the position of a group's key (or of its nearest parent)."""
         line, column = _place(self.marks, group, keys)
         return StudyError(message, self.path, line, column)
@@ -99,7 +100,7 @@ def _place(marks: Marks, group: str | None, keys: tuple[str | int, ...]) -> tupl
 
 
 # Unions of sections are discriminated by `kind`; pydantic then adds the tag to its error locations.
-_KINDS: dict[str, dict[str, type[Section]]] = {"marker": MARKERS, "lamps": LAMPS}
+_KINDS: dict[str, dict[str, type[Section]]] = {"marker": MARKERS, "kinds": MARKERS, "lamps": LAMPS}
 
 
 def _models_of(annotation: Any) -> list[type[BaseModel]]:
@@ -141,6 +142,8 @@ def _in_file(raw: tuple[Any, ...]) -> tuple[Any, ...]:
             kept.append(part)
         elif part in kinds:
             kinds = {}
+        elif part == "others" and kept == ["markers"]:
+            continue  # a list is short for it
         elif part.isidentifier() and part not in ("constrained-int", "int"):
             kinds = _KINDS.get(part, {})
             kept.append(part)

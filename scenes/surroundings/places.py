@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from roundel.scenes.surroundings.bodies import Body, Panel, Surroundings, blocks, frame_on
 from roundel.scenes.surroundings.gravity import footing_of
 from roundel.scenes.surroundings.objects import HOUSEHOLD, STREET, WORKSHOP, Maker
+from roundel.scenes.surroundings.posts import can_footing, carrier_of, post_of
 from roundel.scenes.surroundings.rooms import room_of, sun_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
-from roundel.scenes.surroundings.supports import support_of, top_of
+from roundel.scenes.surroundings.supports import lowest_of, support_of, surface_at, top_of
 
 Array = NDArray[np.float64]
 
@@ -25,16 +26,19 @@ _PLACEMENTS = 8
 _TRIES = 40
 # An object's box grows by this factor before it is tested, so that none touches the line of sight.
 _CLEARANCE = 1.15
+# Further sheets hang at least this far above the surface.
+_FREE_M = 0.02
 
 
-def surroundings_of(kind: str, sheet: SheetPlace, objects: int, rng: np.random.Generator) -> Surroundings:
-    """The world around a sheet.
+def surroundings_of(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.random.Generator) -> Surroundings:
+    """The world around a sheet, or several.
 
     Parameters
     ----------
     kind : str
         `tabletop`, `room`, `shelf`, `workshop` or `outdoor`.
-    sheet : SheetPlace
+    sheets : sequence of SheetPlace
+        The first decides what is up and what it rests on; others stand on posts.
     objects : int
         How many are tried; one that would hide the marker or stand in another is left out after some tries.
     rng : numpy.random.Generator
@@ -47,42 +51,73 @@ def surroundings_of(kind: str, sheet: SheetPlace, objects: int, rng: np.random.G
     reason = ""
     for attempt in rng.spawn(_PLACEMENTS):
         try:
-            return _placed(kind, sheet, objects, attempt)
+            return _placed(kind, sheets, objects, attempt)
         except ValueError as error:
             reason = str(error)
     raise ValueError(f"{reason} ({_PLACEMENTS} placements were tried)")
 
 
-def _placed(kind: str, sheet: SheetPlace, objects: int, rng: np.random.Generator) -> Surroundings:
+def _placed(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.random.Generator) -> Surroundings:
+    sheet, others = sheets[0], sheets[1:]
     footing = footing_of(
         sheet.normal, sheet.centre, sheet.size_m, rng, _PREFERRED[kind], on_wall=kind in ("room", "outdoor")
     )
+    round_a_can = sheet.curve is not None and sheet.curve.kind == "cylinder"
+    if round_a_can:
+        footing = can_footing(sheet, footing)
     up = footing.up
-    supports, surface, support = support_of(kind, sheet, footing, rng)
+    points = np.concatenate([s.corners for s in sheets])
+    floor = min((float((s.corners @ up).min()) for s in others), default=np.inf) - _FREE_M
+    carriers: list[Body] = []
+    if round_a_can:
+        can = carrier_of(sheet, rng)
+        carriers.append(can)
+        floor = min(floor, lowest_of(can, up))
+        supports, surface, support = [], surface_at(kind, sheet, up, floor, rng), "can"
+    else:
+        in_front = not others or bool(((points - sheet.centre) @ sheet.normal).min() > -sheet.thickness_m)
+        supports, surface, support = support_of(kind, sheet, footing, rng, floor, in_front)
     shell: list[Body] = []
     panels: list[Panel] = []
     sun = None
+    level = top_of(surface, up)
     if kind == "outdoor":
         sun = sun_of(sheet, up, rng)
     else:
-        shell, panels = room_of(kind, sheet, up, top_of(surface, up), support, rng)
-    fixed = [*supports, *shell]
-    _check_seen([*fixed, surface], sheet)
-    things = _objects(_MAKERS.get(kind, HOUSEHOLD), sheet, up, surface, fixed, objects, rng)
+        shell, panels = room_of(kind, sheet, up, level, support, rng, points[len(sheet.corners) :])
+    carriers += [carrier_of(other, rng) for other in others]
+    posts = _posts(carriers, sheets, up, level, float((points @ up).max()) + 3.0)
+    _check_seen([*supports, *shell, surface, *posts], sheets)
+    for i, carrier in enumerate(carriers, start=len(sheets) - len(carriers)):
+        _check_seen([carrier], [s for j, s in enumerate(sheets) if j != i])
+    fixed = [*supports, *shell, *carriers, *posts]
+    things = _objects(_MAKERS.get(kind, HOUSEHOLD), sheets, up, surface, fixed, objects, rng)
     return Surroundings(up, support, [*fixed, surface, *things], panels, sun, sheet.thickness_m)
 
 
-def _check_seen(bodies: Sequence[Body], sheet: SheetPlace) -> None:
+def _posts(carriers: Sequence[Body], sheets: Sequence[SheetPlace], up: Array, level: float, ceiling: float) -> list[Body]:
+    """A post for each carrier that does not stand on the surface itself; one that would hide a marker hangs freely."""
+    seen = [s.seen for s in sheets]
+    posts = [
+        post_of(carrier, up, level, ceiling, seen)
+        for carrier in carriers
+        if lowest_of(carrier, up) > level + _FREE_M / 2
+    ]
+    return [post for post in posts if post is not None]
+
+
+def _check_seen(bodies: Sequence[Body], sheets: Sequence[SheetPlace]) -> None:
     eye = np.zeros(3)
-    # Just before the paper: its support touches it.
-    points = sheet.seen + 1e-3 * sheet.normal
-    if any(blocks(body, eye, points).any() for body in bodies):
-        raise ValueError("the marker is hidden by its own support; give it another world, or another pose")
+    for sheet in sheets:
+        # Just before the paper: its support touches it.
+        points = sheet.seen + 1e-3 * sheet.normal
+        if any(blocks(body, eye, points).any() for body in bodies):
+            raise ValueError("the marker is hidden by its own support; give it another world, or another pose")
 
 
 def _objects(
     makers: Sequence[Maker],
-    sheet: SheetPlace,
+    sheets: Sequence[SheetPlace],
     up: Array,
     surface: Body,
     fixed: Sequence[Body],
@@ -90,7 +125,8 @@ def _objects(
     rng: np.random.Generator,
 ) -> list[Body]:
     """Objects on the surface, each where it neither hides the marker nor stands in another body."""
-    eye, points = np.zeros(3), sheet.seen + 1e-3 * sheet.normal
+    eye, sheet = np.zeros(3), sheets[0]
+    points = np.concatenate([s.seen + 1e-3 * s.normal for s in sheets])
     placed: list[Body] = []
     ground = sheet.centre + (top_of(surface, up) - float(sheet.centre @ up)) * up
     reach = 0.95 * float(min(surface.half_m[:2].max(), 2.5))
@@ -104,7 +140,7 @@ def _objects(
                 continue
             if blocks(body, eye, points, _CLEARANCE).any() or float(np.linalg.norm(foot)) < 0.25:
                 continue
-            if any(_near(body, other) for other in (*fixed, *placed)) or _over_sheet(body, sheet):
+            if any(_near(body, other) for other in (*fixed, *placed)) or any(_over_sheet(body, s) for s in sheets):
                 continue
             placed.append(body)
             break

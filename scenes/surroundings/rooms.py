@@ -15,9 +15,18 @@ _TRIES = 40
 
 
 def room_of(
-    kind: str, sheet: SheetPlace, up: Array, level: float, support: str, rng: np.random.Generator
+    kind: str,
+    sheet: SheetPlace,
+    up: Array,
+    level: float,
+    support: str,
+    rng: np.random.Generator,
+    others: Array,
 ) -> tuple[list[Body], list[Panel]]:
-    """Floor, walls and ceiling around camera and sheet, with a window and a lamp on the sheet's bright side."""
+    """Floor, walls and ceiling around camera and sheet, with a window and a lamp on the sheet's bright side.
+
+    `others` (n, 3) are points that must be in the room, too.
+    """
     x, y = frame_on(up, float(rng.uniform(-0.3, 0.3)))
     if support == "wall":
         # The sheet's wall is one of the room's.
@@ -26,7 +35,7 @@ def room_of(
     elif sheet.centre @ y > 0:
         # The camera looks along -y, roughly: the wall at the low end stands behind the sheet.
         x, y = -x, -y
-    points = np.vstack([sheet.corners, np.zeros((1, 3))])
+    points = np.vstack([sheet.corners, np.zeros((1, 3)), others])
     margin = float(rng.uniform(1.0, 1.8))
     low, high = (points @ np.stack([x, y, up]).T).min(axis=0), (points @ np.stack([x, y, up]).T).max(axis=0)
     low, high = low - margin, high + margin
@@ -35,7 +44,7 @@ def room_of(
         high[1] += 1.0
     if kind == "shelf":
         # The board is fixed to a wall that stands close behind it.
-        low[1] = float((sheet.corners @ y).min()) - float(rng.uniform(0.25, 0.4))
+        low[1] = float((np.vstack([sheet.corners, others]) @ y).min()) - float(rng.uniform(0.25, 0.4))
     low[2] = min(level - (_TABLE_M if support != "ground" else 0.0), -0.25)
     high[2] = max(high[2] - margin + 0.6, low[2] + 2.5)
     middle, half = (low + high) / 2, (high - low) / 2

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.markers.surfaces import Curve
+
 Array = NDArray[np.float64]
 
 
@@ -14,13 +16,15 @@ Array = NDArray[np.float64]
 class SheetPlace:
     """The sheet in the camera frame: its pose, the corners of the paper, and points that must be seen.
 
-    `thickness_m` is that of the paper; `seen` (n, 3) are points of the markers' outlines.
+    `thickness_m` is that of the paper; `seen` (n, 3) are points of the markers' outlines. Of a bent sheet, `corners` are
+    points all along its border.
     """
 
     camera_from_sheet: Array
     corners: Array
     seen: Array
     thickness_m: float
+    curve: Curve | None = None
 
     @property
     def normal(self) -> Array:

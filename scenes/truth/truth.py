@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.airy import spread_px
 from roundel.scenes.camera.model import Camera, project
-from roundel.scenes.camera.motion import image_of, pose_at
+from roundel.scenes.camera.motion import image_of
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, other_candidate, vanishing_line
-from roundel.scenes.geometry.pose import tilt_azimuth_deg, transform_points
+from roundel.scenes.geometry.pose import tilt_azimuth_deg
 from roundel.scenes.markers.marker import Part
-from roundel.scenes.world.frame import Frame, part_outline_in_sheet
-from roundel.scenes.world.occluders import hidden, plates_of
+from roundel.scenes.truth.visibility import visibility
+from roundel.scenes.world.frame import Frame
+from roundel.scenes.world.placement import part_outline
 
 CONTOUR_POINTS = 256
 
@@ -47,39 +48,6 @@ def edge_blur_px(frame: Frame, part: Part) -> float:
     return float(np.sqrt(camera.pixel_side**2 / 12 + defocus + spread_px(camera)[0] ** 2 + length2 / 24))
 
 
-def _inside_image(camera: Camera, px: NDArray[np.float64]) -> NDArray[np.bool_]:
-    return np.asarray(
-        np.all((px >= -0.5) & (px <= [camera.width_px - 0.5, camera.height_px - 0.5]), axis=1), dtype=bool
-    )
-
-
-def _visible_fraction(frame: Frame, part: Part, contour: NDArray[np.float64]) -> float:
-    """Fraction of the part's area inside the image and not occluded, over 4,096 points of equal area.
-
-    1 if its whole contour is in the image and nothing is in front of the print.
-    """
-    plates = plates_of(frame.settings, frame.camera_from_sheet)
-    whole = bool(_inside_image(frame.camera, contour).all())
-    if whole and not plates:
-        return 1.0
-    steps = (np.arange(64) + 0.5) / 64
-    u, v = np.meshgrid(steps, steps)
-    if part.radius_m is not None:
-        r, t = part.radius_m * np.sqrt(u), 2 * np.pi * v
-        x, y = r * np.cos(t), r * np.sin(t)
-    else:
-        w, h = part.half_size_m()
-        x, y = w * (2 * u - 1), h * (2 * v - 1)
-    flat = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    # The sheet at mid-exposure of the part's own centre.
-    pose = pose_at(frame.motion, frame.camera_from_sheet, np.array(frame.part_time_s(part)))
-    points = flat + np.array([part.x_m, part.y_m, 0.0])
-    seen = ~hidden(plates, pose, points)
-    if not whole:
-        seen &= _inside_image(frame.camera, project(frame.camera, transform_points(pose, points)))
-    return float(seen.mean())
-
-
 def _vector(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
     return {f"{prefix}_{axis}{suffix}": float(v) for axis, v in zip("xyz", values, strict=True)}
 
@@ -100,7 +68,7 @@ def _circle_truth(camera: Camera, pose: NDArray[np.float64], radius_m: float) ->
     }
 
 
-# Columns that do not apply to a board.
+# Columns that do not apply to a board, or to a circle on a bent sheet, whose image is no conic.
 _NO_CIRCLE: dict[str, Any] = {
     **{f"conic_{i}{j}": None for i, j in _UPPER},
     **dict.fromkeys(("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")),
@@ -110,11 +78,11 @@ _NO_CIRCLE: dict[str, Any] = {
 
 
 def truth_of(frame: Frame) -> list[dict[str, Any]]:
-    """One row for each part of the frame's sheet, keyed as in truth.parquet.
+    """One row for each part of the frame's sheets, keyed as in truth.parquet.
 
     `edge_contrast_dn` and `edge_noise_dn` are None until the frame is developed.
     """
-    return [_row(frame, part) for part in frame.sheet.parts]
+    return [_row(view, part) for view in frame.views() for part in view.sheet.parts]
 
 
 def _row(frame: Frame, part: Part) -> dict[str, Any]:
@@ -122,10 +90,13 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
     normal, centre = pose[:3, 2], pose[:3, 3]
     tilt, azimuth = tilt_azimuth_deg(normal)
     distance_m = float(np.linalg.norm(centre))
-    sheet_outline = part_outline_in_sheet(part, CONTOUR_POINTS)
+    sheet_outline = part_outline(frame.sheet, part, CONTOUR_POINTS)
     contour, _ = image_of(camera, frame.motion, frame.camera_from_sheet, sheet_outline)
-    (centre_px,), _ = image_of(camera, frame.motion, frame.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
+    (centre_px,), _ = image_of(camera, frame.motion, frame.camera_from_sheet, [frame.part_centre_m(part)])
     line = vanishing_line(pose, camera.K)
+    curve = frame.sheet.curve
+    has_conic = part.radius_m is not None and curve is None
+    visible_fraction, hidden_by = visibility(frame, part, contour)
     return {
         "frame_id": frame.frame_id,
         "marker_id": part.marker_id,
@@ -139,13 +110,16 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         "distance_D": distance_m / (2 * part.radius_m) if part.radius_m else None,
         "tilt_deg": float(tilt),
         "azimuth_deg": float(azimuth),
-        **(_circle_truth(camera, pose, part.radius_m) if part.radius_m else _NO_CIRCLE),
+        **(_circle_truth(camera, pose, part.radius_m) if has_conic and part.radius_m else _NO_CIRCLE),
         "centre_image_x_px": float(centre_px[0]),
         "centre_image_y_px": float(centre_px[1]),
         **{f"vanishing_line_{i}": float(v) for i, v in enumerate(line)},
         "contour_x_px": contour[:, 0].tolist(),
         "contour_y_px": contour[:, 1].tolist(),
-        "visible_fraction": _visible_fraction(frame, part, contour),
+        "visible_fraction": visible_fraction,
+        "hidden_by": hidden_by,
+        "surface": "flat" if curve is None else curve.kind,
+        "curvature_radius_m": None if curve is None else curve.radius_m,
         "edge_contrast_dn": None,
         "edge_noise_dn": None,
         "edge_blur_px": edge_blur_px(frame, part),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,31 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.model import (
-    THIN_LENS_DEG,
-    Camera,
-    folds_inside_image,
-    ray_direction,
-    sees_through_thin_lens,
-)
+from roundel.scenes.camera.model import THIN_LENS_DEG, Camera, folds_inside_image, sees_through_thin_lens
 from roundel.scenes.camera.motion import Motion, image_of, pose_at
 from roundel.scenes.errors import StudyError
-from roundel.scenes.geometry.conic import circle_points_m
-from roundel.scenes.geometry.pose import camera_from_marker_of, minimal_rotation, normal_of, transform_points
+from roundel.scenes.geometry.pose import transform_points
 from roundel.scenes.markers.marker import Part, Sheet
+from roundel.scenes.markers.surfaces import lifted, tangent_frame
 from roundel.scenes.study.sampling import draw, frame_count, frames_per_level, stream
-from roundel.scenes.study.schema import GroupSection, PoseSection
+from roundel.scenes.study.schema import GroupSection
 from roundel.scenes.study.study import Study, validated
 from roundel.scenes.surroundings.bodies import Surroundings
 from roundel.scenes.surroundings.places import surroundings_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
 from roundel.scenes.world.cameras import camera_of, motion_of
+from roundel.scenes.world.further_sheets import PlacedSheet, further_sheets
 from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
+from roundel.scenes.world.placement import Fail, border_points, check_in_view, part_outline, placed
 from roundel.scenes.world.sheets import sheet_of
-
-# Makes the error of a frame from a message and the key path in the study.
-Fail = Callable[..., StudyError]
 
 
 @dataclass(frozen=True)
@@ -44,6 +37,7 @@ class Frame:
     `settings` is the group's section with every distribution replaced by the frame's value; `camera_from_sheet` is the
     pose at time 0 of `motion`; files named by the study are relative to `folder`. `sensor_seed` is the same for a whole
     group: the pixels' fixed pattern does not change between frames. `drawn` has the drawn values, by dotted key.
+    `others` are the further sheets; `first` is the study's own sheet if this frame is the view of another, see `views`.
     """
 
     frame_id: int
@@ -62,15 +56,54 @@ class Frame:
     drawn: dict[str, float]
     folder: Path
     surroundings: Surroundings | None = None
+    others: tuple[PlacedSheet, ...] = ()
+    first: PlacedSheet | None = None
+
+    @property
+    def on_wall(self) -> bool:
+        """Whether the sheet is one flat print on an endless wall; otherwise it is a body among others."""
+        return self.surroundings is None and not self.others and self.sheet.curve is None
+
+    @property
+    def camera_from_first(self) -> NDArray[np.float64]:
+        """Pose of the study's own sheet, to which lamps and occluders refer."""
+        return self.camera_from_sheet if self.first is None else self.first.camera_from_sheet
+
+    def views(self) -> tuple[Frame, ...]:
+        """The frame once for each of its sheets: with that as `sheet`, and all other sheets as `others`."""
+        if not self.others:
+            return (self,)
+        sheets = (PlacedSheet(self.settings.marker, self.sheet, self.camera_from_sheet), *self.others)
+        return (self, *(self._view(sheets, k) for k in range(1, len(sheets))))
+
+    def _view(self, sheets: tuple[PlacedSheet, ...], k: int) -> Frame:
+        own = sheets[k]
+        return replace(
+            self,
+            settings=self.settings.model_copy(update={"marker": own.marker}),
+            sheet=own.sheet,
+            camera_from_sheet=own.camera_from_sheet,
+            others=sheets[:k] + sheets[k + 1 :],
+            first=sheets[0],
+        )
+
+    def part_centre_m(self, part: Part) -> NDArray[np.float64]:
+        """Centre (3,) of a part in the sheet's frame."""
+        return lifted(self.sheet.curve, part.x_m, part.y_m)
 
     def part_time_s(self, part: Part) -> float:
         """Mid-exposure of the row that images the part's centre, in seconds after that of the first part."""
-        _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [[part.x_m, part.y_m, 0.0]])
+        _, time = image_of(self.camera, self.motion, self.camera_from_sheet, [self.part_centre_m(part)])
         return float(time[0])
 
     def camera_from_part(self, part: Part, after_s: float = 0.0) -> NDArray[np.float64]:
-        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or later."""
+        """Pose of one part of the sheet, at mid-exposure of its own centre row (the pose of record) or later.
+
+        Of a bent sheet it is that of the tangent plane at the part's centre.
+        """
         pose = pose_at(self.motion, self.camera_from_sheet, np.array(self.part_time_s(part) + after_s))
+        if self.sheet.curve is not None:
+            return np.asarray(pose @ tangent_frame(self.sheet.curve, part.x_m, part.y_m), dtype=np.float64)
         pose[:3, 3] = transform_points(pose, [part.x_m, part.y_m, 0.0])
         return pose
 
@@ -158,7 +191,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     level = group.sweep.levels[step] if group.sweep else None
     settings, drawn = _drawn(study, name, index, level)
 
-    def fail(message: str, *keys: str) -> StudyError:
+    def fail(message: str, *keys: str | int) -> StudyError:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
     camera = _camera(settings, fail)
@@ -170,7 +203,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         sheet = sheet_of(settings.marker, sheet_seed)
     except ValueError as error:
         raise fail(str(error), "marker") from error
-    pixel, camera_from_sheet = _place(settings.pose, camera, sheet, fail)
+    pixel, camera_from_sheet = placed(settings.pose, camera, sheet, fail)
     try:
         motion = motion_of(settings.motion, camera.height_px, float(pixel[1]))
     except ValueError as error:
@@ -193,7 +226,14 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         study.path.parent,
     )
     for part in sheet.parts:
-        _check_in_view(frame, part, fail)
+        check_in_view(frame, part, fail)
+    if settings.markers.any:
+        own = PlacedSheet(settings.marker, sheet, camera_from_sheet)
+        others = further_sheets(settings, group.pose, own, camera, lambda k: stream(study.seed, name, 6, index, k), fail)
+        frame = replace(frame, others=others)
+        for view in frame.views()[1:]:
+            for part in view.sheet.parts:
+                check_in_view(view, part, fail)
     if settings.world.kind != "plain" and settings.mode == "images":
         try:
             frame = replace(frame, surroundings=_surroundings(frame, stream(study.seed, name, 5, index)))
@@ -209,17 +249,20 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
 
 def _surroundings(frame: Frame, seed: np.random.SeedSequence) -> Surroundings:
     """The world around the sheet, from a stream of random numbers of its own: it changes no pose."""
-    (x0, y0), (x1, y1) = frame.sheet.low_m, frame.sheet.high_m
-    corners = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
-    outlines = np.concatenate([part_outline_in_sheet(part, 32) for part in frame.sheet.parts])
     world = frame.settings.world
-    place = SheetPlace(
-        frame.camera_from_sheet,
-        transform_points(frame.camera_from_sheet, corners),
-        transform_points(frame.camera_from_sheet, outlines),
-        world.sheet_thickness_m,
-    )
-    return surroundings_of(world.kind, place, world.objects, np.random.default_rng(seed))
+    places = [
+        SheetPlace(
+            view.camera_from_sheet,
+            transform_points(view.camera_from_sheet, border_points(view.sheet)),
+            transform_points(
+                view.camera_from_sheet, np.concatenate([part_outline(view.sheet, p, 32) for p in view.sheet.parts])
+            ),
+            world.sheet_thickness_m,
+            view.sheet.curve,
+        )
+        for view in frame.views()
+    ]
+    return surroundings_of(world.kind, places, world.objects, np.random.default_rng(seed))
 
 
 def _camera(settings: GroupSection, fail: Fail) -> Camera:
@@ -243,30 +286,6 @@ def _camera(settings: GroupSection, fail: Fail) -> Camera:
     return camera
 
 
-def _place(
-    pose: PoseSection, camera: Camera, sheet: Sheet, fail: Fail
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Image (2,) of the marker's centre in pixels, and pose (4, 4) of the sheet at time 0."""
-    first = sheet.parts[0]
-    if pose.distance_m is not None:
-        distance_m = pose.distance_m
-    elif first.radius_m is None or pose.distance_D is None:
-        raise fail("pose.distance_D: a board has no diameter; give distance_m", "pose", "distance_D")
-    else:
-        distance_m = pose.distance_D * 2 * first.radius_m
-    normal = normal_of(pose.tilt_deg, pose.azimuth_deg)
-    pixel = camera.K[:2, 2] + [pose.offset_x_px, pose.offset_y_px]
-    ray = ray_direction(camera, pixel)
-    if pose.tilt_from == "line_of_sight":
-        normal = minimal_rotation([0.0, 0.0, 1.0], ray) @ normal
-    centre_m = distance_m * ray
-    camera_from_sheet = camera_from_marker_of(normal, centre_m, pose.roll_deg)
-    low, high = -0.5, np.array([camera.width_px, camera.height_px]) - 0.5
-    if not (np.all(pixel >= low) and np.all(pixel <= high)):
-        raise fail("pose.offset_x_px, offset_y_px: the marker's centre lies outside the image", "pose", "offset_x_px")
-    return pixel, camera_from_sheet
-
-
 def _check_occluders(frame: Frame) -> None:
     check_occluders(frame.settings.occluders, frame.camera, frame.camera_from_sheet)
 
@@ -274,38 +293,3 @@ def _check_occluders(frame: Frame) -> None:
 def _check_light(frame: Frame) -> None:
     if frame.settings.mode == "images":
         check_light(frame.settings.light, frame.sheet, frame.camera_from_sheet)
-
-
-def part_outline_in_sheet(part: Part, count: int) -> NDArray[np.float64]:
-    """Outline of a part (n, 3) in the sheet's frame: a circle, or the rectangle around a board."""
-    centre = np.array([part.x_m, part.y_m, 0.0])
-    if part.radius_m is not None:
-        placed = np.eye(4)
-        placed[:3, 3] = centre
-        return circle_points_m(placed, part.radius_m, count)
-    w, h = part.half_size_m()
-    corners = np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
-    along = np.linspace(0, 1, max(count // 4, 2), endpoint=False)[:, None]
-    sides = [corners[i] + along * (corners[(i + 1) % 4] - corners[i]) for i in range(4)]
-    flat = np.concatenate(sides)
-    return np.asarray(centre + np.column_stack([flat, np.zeros(len(flat))]), dtype=np.float64)
-
-
-def _check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
-    pose = frame.camera_from_part(part)
-    in_sheet = part_outline_in_sheet(part, 64)
-    outline = transform_points(frame.camera_from_sheet, in_sheet)
-    if outline[:, 2].min() <= 0:
-        raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
-    if pose[:3, 2] @ pose[:3, 3] >= 0:
-        raise fail(f"pose: marker {part.marker_id} faces away from the camera; tilt it less", "pose", "tilt_deg")
-    pixels, _ = image_of(frame.camera, frame.motion, frame.camera_from_sheet, in_sheet)
-    if np.isnan(pixels).any() and frame.motion.row_s > 0:
-        raise fail(
-            f"motion: marker {part.marker_id} outruns the rolling shutter, or leaves the camera's view; reduce "
-            "readout_s or the velocity",
-            "motion",
-        )
-    inside = np.all((pixels >= -0.5) & (pixels <= [frame.camera.width_px - 0.5, frame.camera.height_px - 0.5]), axis=1)
-    if not inside.any():
-        raise fail(f"pose: the outline of marker {part.marker_id} lies outside the image", "pose")

@@ -7,18 +7,23 @@ bounds how soft its edges may be.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
+from roundel.scenes.markers.surfaces import Curve
 from roundel.scenes.markers.tags import charuco_grid, tag_grid
 from roundel.scenes.study import marker_section as sections
 
 # The orientation tick, in radii.
 TICK_FROM, TICK_TO, TICK_WIDTH = 0.5, 0.9, 0.12
+
+# A wave of paper steeper than this is a fold; more waves than these from the centre would need more nodes.
+STEEPEST_WAVE_RAD = 1.2
+WAVES_FROM_CENTRE = 2.0
 
 # Below this, cell indices would not fit the integers that are hashed.
 MIN_GRAIN_M, MIN_CLUTTER_M = 1e-6, 1e-4
@@ -215,7 +220,7 @@ def sheet_of(section: sections.Marker, seed: int = 0) -> Sheet:
     low = (min(x - w for x, _, w, _ in boxes), min(y - h for _, y, _, h in boxes))
     high = (max(x + w for x, _, w, _ in boxes), max(y + h for _, y, _, h in boxes))
     margin = section.margin_m if section.margin_m is not None else min(high[0] - low[0], high[1] - low[1]) / 3
-    return Sheet(
+    sheet = Sheet(
         (low[0] - margin, low[1] - margin),
         (high[0] + margin, high[1] + margin),
         paper,
@@ -228,3 +233,41 @@ def sheet_of(section: sections.Marker, seed: int = 0) -> Sheet:
         clutter=None if clutter is None else Clutter(clutter.cell_m, clutter.contrast),
         seed=seed,
     )
+    return replace(sheet, curve=_curve_of(section.surface, sheet))
+
+
+def _curve_of(surface: sections.SurfaceSection, sheet: Sheet) -> Curve | None:
+    """How the sheet's paper is bent.
+
+    Raises
+    ------
+    ValueError
+        If the paper would meet itself, or a wave would stand nearly upright.
+    """
+    if surface.shape == "flat":
+        return None
+    assert surface.radius_m is not None
+    curve = Curve(surface.shape, surface.radius_m, surface.axis_deg, surface.wave_m or np.inf)
+    (x0, y0), (x1, y1) = sheet.low_m, sheet.high_m
+    across = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) @ curve.axes()[0]
+    half_m = float(np.abs(across).max())
+    if surface.shape == "cylinder":
+        if half_m > np.pi * curve.radius_m:
+            raise ValueError(
+                f"marker.surface.radius_m: a cylinder of {curve.radius_m:g} m is too small for a sheet of "
+                f"{np.ptp(across):.3g} m around it; give {half_m / np.pi:.3g} or more, or a narrower margin_m"
+            )
+        return curve
+    steepest = curve.wave_m / (2 * np.pi * curve.radius_m)
+    if steepest > STEEPEST_WAVE_RAD:
+        raise ValueError(
+            f"marker.surface.wave_m: waves of {curve.wave_m:g} m with a radius of {curve.radius_m:g} m rise by "
+            f"{np.degrees(steepest):.0f} degrees; give a larger radius or shorter waves, for at most "
+            f"{np.degrees(STEEPEST_WAVE_RAD):.0f}"
+        )
+    if half_m > WAVES_FROM_CENTRE * curve.wave_m:
+        raise ValueError(
+            f"marker.surface.wave_m: {curve.wave_m:g} m is too short for a sheet of {np.ptp(across):.3g} m; give "
+            f"{half_m / WAVES_FROM_CENTRE:.3g} or more"
+        )
+    return curve

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 GATE_PX = 3.0
 GATE_FRACTION = 0.25
 
+# Directions in which the width of a bent contour is measured: 1 % of it at most is missed.
+_DIRECTIONS = 16
+
 # Pairs compared at once, which limits the memory to about 100 MB.
 _CHUNK = 8192
 
@@ -65,7 +68,7 @@ def match(targets: Targets, run: Run) -> Match:
     with_pose = {f: [r for r in firsts if run.ok[r]] for f, firsts in by_frame.items()}
     pairs = [(t, d) for f, ts in target_frames.items() for t in ts for d in with_pose.get(f, [])]
     cost = _contour_errors(targets, run, pairs)
-    gate = np.maximum(GATE_PX, GATE_FRACTION * targets.ellipse[:, 3])
+    gate = np.maximum(GATE_PX, GATE_FRACTION * _semi_minor_px(targets))
     position = 0
     for frame, ts in target_frames.items():
         ds = with_pose.get(frame, [])
@@ -97,6 +100,16 @@ def match(targets: Targets, run: Run) -> Match:
         if unmatched:
             false[frame] = unmatched
     return Match(rows, reason, error, sum(map(len, with_pose.values())), false)
+
+
+def _semi_minor_px(targets: Targets) -> Array:
+    """Semi-minor axes (N,) of the true ellipses; of a circle on bent paper half the least width of its contour."""
+    semi = targets.ellipse[:, 3].copy()
+    bent = np.flatnonzero(np.isnan(semi) & np.isfinite(targets.contour_px).all(axis=(1, 2)))
+    turn = np.linspace(0.0, np.pi, _DIRECTIONS, endpoint=False)
+    extent = np.ptp(targets.contour_px[bent] @ np.stack([np.cos(turn), np.sin(turn)]), axis=1)
+    semi[bent] = extent.min(axis=1) / 2 if len(bent) else semi[bent]
+    return semi
 
 
 def _positions(frame_id: NDArray[np.int64]) -> dict[int, list[int]]:

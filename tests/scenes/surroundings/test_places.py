@@ -46,7 +46,7 @@ poses = st.tuples(st.floats(0, 75), st.floats(-180, 180), st.floats(-180, 180), 
 @given(pose=poses, kind=st.sampled_from(PLACES), seed=st.integers(0, 2**32 - 1))
 def test_a_marker_is_seen_in_every_world(pose, kind: str, seed: int) -> None:
     sheet = sheet_at(*pose)
-    around = surroundings_of(kind, sheet, 6, np.random.default_rng(seed))
+    around = surroundings_of(kind, [sheet], 6, np.random.default_rng(seed))
     seen = sheet.seen + 1e-3 * sheet.normal
     assert not any(blocks(body, np.zeros(3), seen).any() for body in around.bodies)
     assert np.linalg.norm(around.up) == pytest.approx(1.0)
@@ -76,12 +76,12 @@ def test_the_camera_is_held_upright(tilt: float, azimuth: float, seed: int) -> N
 def test_a_table_lies_under_a_sheet_that_is_seen_from_above() -> None:
     # The camera looks down by 50 degrees: the sheet faces up.
     found = {
-        surroundings_of("tabletop", sheet_at(40.0, -90.0, 0.0, 1.0), 0, np.random.default_rng(i)).support
+        surroundings_of("tabletop", [sheet_at(40.0, -90.0, 0.0, 1.0)], 0, np.random.default_rng(i)).support
         for i in range(8)
     }
     assert found == {"table"}
     # Seen squarely by a level camera it hangs on a wall.
-    assert surroundings_of("room", sheet_at(5.0, 0.0, 0.0, 1.0), 0, np.random.default_rng(0)).support == "wall"
+    assert surroundings_of("room", [sheet_at(5.0, 0.0, 0.0, 1.0)], 0, np.random.default_rng(0)).support == "wall"
 
 
 def test_blocking_is_decided_by_the_box() -> None:
