@@ -102,7 +102,9 @@ def images_of(frame: Frame, x: Array, y: Array, nodes: Nodes, box: Box | None = 
     row = np.full(shape if rolls else (len(nodes), 1), frame.motion.centre_row_px)
     for _ in range(_ROW_STEPS if rolls else 1):
         pose = _poses(frame, nodes.time_s[:, None] + frame.motion.row_time_s(row))
-        px = image_points(frame, _placed(frame.sheet.curve, pose, x, y), nodes.lens_m.T[:, :, None], nodes.airy_px.T[:, :, None], box)
+        px = image_points(
+            frame, _placed(frame.sheet.curve, pose, x, y), nodes.lens_m.T[:, :, None], nodes.airy_px.T[:, :, None], box
+        )
         row = px[1]
     return px
 

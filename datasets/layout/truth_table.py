@@ -69,8 +69,8 @@ TRUTH_COLUMNS = (
     ),
     TruthColumns(
         ("surface",), _TEXT, "",
-        "flat; cylinder or bent: pose and vanishing line are those of the tangent plane at the marker's centre, and the "
-        "columns of conic, ellipse and second candidate are empty, because the image is no conic",
+        "flat; cylinder or bent: pose and vanishing line are those of the tangent plane at the marker's centre, and "
+        "the columns of conic, ellipse and second candidate are empty, because the image is no conic",
     ),
     TruthColumns(("curvature_radius_m",), _F, "m", "radius of curvature at the sheet's origin; null if flat"),
     TruthColumns(

@@ -10,6 +10,7 @@ meshes: Bodies as triangles, with normals and texture coordinates at real scale
 paths: Light transport in a world: all lights are sampled where a ray first lands, then Mitsuba's path integrator
     goes on
 scene: A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders
+sheets: Sheets as Mitsuba shapes: flat ones, bent ones, and the wall behind them
 textures: Procedural textures at real scale: wood, cardboard, plaster, brick, concrete and fabric, as arrays of
     reflectance
 transport: Light transport on an unoccluded matte sheet in closed form, without ray intersection

@@ -180,9 +180,7 @@ def _past_the_wall(dr: Any, mi: Any, scene: PlainScene, ray: Any) -> Any:
     return emitter.eval(there) * unit
 
 
-def trace(
-    dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any
-) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
+def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
     """Radiance along rays.
 
     Returns

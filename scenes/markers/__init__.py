@@ -4,6 +4,7 @@ ink_pattern: Reflectance of a sheet, point by point, in float64: the definition 
     traces
 marker: Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres
 outlines: Outlines of a sheet's edges as polylines, for the allocation of samples
+surfaces: Surfaces that a flat print is bent to without stretching: cylinders and waves
 tags: Square tags: their cells by family and id, and their layout on a board
 value_noise: Value noise: random numbers as a function of position, for paper grain and clutter
 """

@@ -129,8 +129,8 @@ def strips(curve: Curve, low_m: tuple[float, float], high_m: tuple[float, float]
             if low <= at <= high:
                 v += [a[1], b[1]] if high == low else [a[1] + (at - a[0]) / (b[0] - a[0]) * (b[1] - a[1])]
         ends.append((min(v), max(v)))
-    v = np.array(ends)
-    low, high = np.stack([u, v[:, 0]], axis=-1), np.stack([u, v[:, 1]], axis=-1)
+    low_v, high_v = np.array(ends).T
+    low, high = np.stack([u, low_v], axis=-1), np.stack([u, high_v], axis=-1)
     i = np.arange(len(u) - 1)
     bottom, top = i, i + len(u)
     faces = np.concatenate([np.stack([bottom, bottom + 1, top + 1], -1), np.stack([bottom, top + 1, top], -1)])

@@ -7,6 +7,7 @@ light_map: Check an environment-map file: it exists, is OpenEXR within the size 
     checksum
 light_section: Keys of lights and occluders
 marker_section: Keys of a marker: the print, its paper, and the wall behind it
+pose_section: Keys of poses: of the marker, and of further markers beside it
 sampling: Sampling: the value that each frame draws for each distribution of a study
 schema: Keys of a study as strict pydantic models
 section: Base class of all sections of a study: strict, frozen, finite

@@ -62,7 +62,8 @@ def frame_numbers(frame: Frame) -> dict[str, Any]:
         border and pose of each.
     """
     others = [
-        [o.marker.kind, _rounded([*o.sheet.low_m, *o.sheet.high_m]), _rounded(o.camera_from_sheet)] for o in frame.others
+        [o.marker.kind, _rounded([*o.sheet.low_m, *o.sheet.high_m]), _rounded(o.camera_from_sheet)]
+        for o in frame.others
     ]
     around = frame.surroundings
     world = {} if around is None else {"up": _rounded(around.up), "world": _sha256(_placed(around))}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.study.camera_section import CameraSection, MotionSection
@@ -110,7 +110,7 @@ class GroupSection(Section):
             elif isinstance(node, list | tuple):
                 for i, item in enumerate(node):
                     walk(item, (*where, i))
-            elif isinstance(node, BaseModel):
+            elif isinstance(node, Section):
                 for name in type(node).model_fields:
                     if name not in type(node).drawn_apart:
                         walk(getattr(node, name), (*where, name))
@@ -136,7 +136,9 @@ class GroupSection(Section):
             return self
         what = "markers" if self.markers.any else "marker.surface.shape"
         if self.marker.clutter is not None:
-            raise ValueError(f"marker.clutter: shapes on the wall need a single flat sheet; leave out clutter, or {what}")
+            raise ValueError(
+                f"marker.clutter: shapes on the wall need a single flat sheet; leave out clutter, or {what}"
+            )
         if self.markers.any and self.motion.marker != MotionSection().marker:
             raise ValueError("motion.marker: one of several markers cannot move by itself; move the camera")
         if bent and self.mode == "points" and self.motion.readout_s != 0:

@@ -85,7 +85,7 @@ class Surroundings:
     up : (3,) array
         Against gravity, in the camera frame.
     support : str
-        What holds the sheet: `table`, `wall`, `box`, `stand` or `ground`.
+        What holds the sheet: `table`, `wall`, `box`, `stand`, `can` or `ground`.
     bodies : list of Body
     panels : list of Panel
         Windows and lamps.

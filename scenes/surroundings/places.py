@@ -16,7 +16,7 @@ from roundel.scenes.surroundings.objects import HOUSEHOLD, STREET, WORKSHOP, Mak
 from roundel.scenes.surroundings.posts import can_footing, carrier_of, post_of
 from roundel.scenes.surroundings.rooms import room_of, sun_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
-from roundel.scenes.surroundings.supports import lowest_of, support_of, surface_at, top_of
+from roundel.scenes.surroundings.supports import land_around, lowest_of, support_of, surface_at, top_of
 
 Array = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ _TRIES = 40
 _CLEARANCE = 1.15
 # Further sheets hang at least this far above the surface.
 _FREE_M = 0.02
+_BELOW_CAMERA_M = 0.1
 
 
 def surroundings_of(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.random.Generator) -> Surroundings:
@@ -49,15 +50,18 @@ def surroundings_of(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: 
         If nothing can be built so that the marker is seen.
     """
     reason = ""
-    for attempt in rng.spawn(_PLACEMENTS):
+    for i, attempt in enumerate(rng.spawn(_PLACEMENTS)):
         try:
-            return _placed(kind, sheets, objects, attempt)
+            # What holds the first of several may hide another: it then stands on a post, like these.
+            return _placed(kind, sheets, objects, attempt, on_post=len(sheets) > 1 and i >= _PLACEMENTS // 2)
         except ValueError as error:
             reason = str(error)
     raise ValueError(f"{reason} ({_PLACEMENTS} placements were tried)")
 
 
-def _placed(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.random.Generator) -> Surroundings:
+def _placed(
+    kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.random.Generator, on_post: bool
+) -> Surroundings:
     sheet, others = sheets[0], sheets[1:]
     footing = footing_of(
         sheet.normal, sheet.centre, sheet.size_m, rng, _PREFERRED[kind], on_wall=kind in ("room", "outdoor")
@@ -68,12 +72,16 @@ def _placed(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.rando
     up = footing.up
     points = np.concatenate([s.corners for s in sheets])
     floor = min((float((s.corners @ up).min()) for s in others), default=np.inf) - _FREE_M
+    if others or round_a_can:
+        # No table between a low camera and a marker.
+        floor = min(floor, -_BELOW_CAMERA_M)
     carriers: list[Body] = []
-    if round_a_can:
-        can = carrier_of(sheet, rng)
-        carriers.append(can)
-        floor = min(floor, lowest_of(can, up))
-        supports, surface, support = [], surface_at(kind, sheet, up, floor, rng), "can"
+    supports: list[Body] = []
+    if round_a_can or on_post:
+        carrier = carrier_of(sheet, rng)
+        carriers.append(carrier)
+        floor = min(floor, lowest_of(carrier, up))
+        surface, support = surface_at(kind, sheet, up, floor, rng), "can" if round_a_can else "stand"
     else:
         in_front = not others or bool(((points - sheet.centre) @ sheet.normal).min() > -sheet.thickness_m)
         supports, surface, support = support_of(kind, sheet, footing, rng, floor, in_front)
@@ -92,10 +100,14 @@ def _placed(kind: str, sheets: Sequence[SheetPlace], objects: int, rng: np.rando
         _check_seen([carrier], [s for j, s in enumerate(sheets) if j != i])
     fixed = [*supports, *shell, *carriers, *posts]
     things = _objects(_MAKERS.get(kind, HOUSEHOLD), sheets, up, surface, fixed, objects, rng)
+    if kind == "outdoor":
+        things.append(land_around(surface, up))
     return Surroundings(up, support, [*fixed, surface, *things], panels, sun, sheet.thickness_m)
 
 
-def _posts(carriers: Sequence[Body], sheets: Sequence[SheetPlace], up: Array, level: float, ceiling: float) -> list[Body]:
+def _posts(
+    carriers: Sequence[Body], sheets: Sequence[SheetPlace], up: Array, level: float, ceiling: float
+) -> list[Body]:
     """A post for each carrier that does not stand on the surface itself; one that would hide a marker hangs freely."""
     seen = [s.seen for s in sheets]
     posts = [

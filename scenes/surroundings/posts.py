@@ -59,7 +59,7 @@ def carrier_of(sheet: SheetPlace, rng: np.random.Generator) -> Body:
         [*(high[:2] + low[:2]) / 2, low[2] - sheet.thickness_m - _GLUE_M - _BOARD_M / 2]
     )
     material = Material("cardboard", (0.42, 0.28, 0.16), 0.6, int(rng.integers(8)))
-    return Body("box", pose_from_axes(*pose[:3, :3].T, centre), half, material)
+    return Body("box", pose_from_axes(pose[:3, 0], pose[:3, 1], pose[:3, 2], centre), half, material)
 
 
 def post_of(carrier: Body, up: Array, level: float, ceiling: float, others: Sequence[Array]) -> Body | None:

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 class SheetPlace:
     """The sheet in the camera frame: its pose, the corners of the paper, and points that must be seen.
 
-    `thickness_m` is that of the paper; `seen` (n, 3) are points of the markers' outlines. Of a bent sheet, `corners` are
-    points all along its border.
+    `thickness_m` is that of the paper; `seen` (n, 3) are points of the markers' outlines. Of a bent sheet, `corners`
+    are points all along its border.
     """
 
     camera_from_sheet: Array

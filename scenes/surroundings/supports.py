@@ -12,6 +12,9 @@ from roundel.scenes.surroundings.sheet_place import SheetPlace
 
 Array = NDArray[np.float64]
 
+# Half sides of the land around a ground, and how much lower it lies.
+_LAND_M, _LOWER_M = (3000.0, 3000.0, 0.5), 0.05
+
 
 def support_of(
     kind: str,
@@ -54,7 +57,10 @@ def support_of(
     margins = rng.uniform(0.015, 0.06, 2) + 0.1 * sheet.size_m
     if footing.posture == "upright":
         depth, drop = float(rng.uniform(0.05, 0.12)), float(rng.uniform(0.01, 0.06))
-        low, high = min(float((sheet.corners @ along).min()) - drop, floor), float((sheet.corners @ along).max()) + margins[1]
+        low, high = (
+            min(float((sheet.corners @ along).min()) - drop, floor),
+            float((sheet.corners @ along).max()) + margins[1],
+        )
         half = np.array([spans[0] + margins[0], (high - low) / 2, depth])
         centre = middle + ((high + low) / 2 - middle @ along) * along - (back + depth) * normal
         held = Body("box", pose_from_axes(across, along, normal, centre), half, _board(kind, rng))
@@ -73,6 +79,13 @@ def support_of(
         Material("wood", (0.4, 0.26, 0.14), 0.4, int(rng.integers(8))),
     )  # fmt: skip
     return [board, prop], surface_at(kind, sheet, up, level, rng), "stand"
+
+
+def land_around(ground: Body, up: Array) -> Body:
+    """Land as far as one sees, a little lower than the ground: a larger ground would be less exact near the camera."""
+    pose = ground.camera_from_body.copy()
+    pose[:3, 3] -= (_LOWER_M + _LAND_M[2] - ground.half_m[2]) * up
+    return Body("box", pose, np.array(_LAND_M), Material("matte", ground.material.colour))
 
 
 def _plinth(sheet: SheetPlace, up: Array, level: float, floor: float, rng: np.random.Generator) -> Body:

@@ -3,4 +3,5 @@
 edge_points: Points mode: noisy points on the true contour, the paper's experiment without images (its section V)
 row_poses: Rolling shutter: the pose for each sensor row that images a marker
 truth: The exact truth of a frame, in float64: one row for each marker
+visibility: How much of a marker is seen, and what hides the rest
 """

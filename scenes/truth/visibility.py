@@ -76,14 +76,12 @@ def _points(frame: Frame, part: Part) -> Array:
 
 
 def _screens(frame: Frame) -> dict[str, list[Plate]]:
-    """What may be in front of the sheet, by name, as plates in its frame; bent sheets as the rectangle of their paper."""
+    """What may be in front of the sheet, by name, as plates in its frame; a bent sheet as its flat paper."""
     first = frame.camera_from_first
     plates = list(plates_of(frame.settings, first))
     if first is not frame.camera_from_sheet:
         move = np.linalg.inv(frame.camera_from_sheet) @ first
-        plates = [
-            Plate(move @ p.sheet_from_plate, p.half_width_m, p.half_height_m, p.is_round) for p in plates
-        ]
+        plates = [Plate(move @ p.sheet_from_plate, p.half_width_m, p.half_height_m, p.is_round) for p in plates]
     count = len(frame.settings.occluders)
     sheets = [_rectangle(frame, i) for i in range(len(frame.others))]
     found = {"occluder": plates[:count], "lamp": plates[count:], "sheet": sheets}

@@ -2,7 +2,11 @@
 
 cameras: Camera and motion of a frame, from sections of a study whose spreads are drawn
 frame: Frame i of a study, a pure function of (study, i): all values drawn, all objects placed
+further_sheets: Further sheets of a frame: listed with their poses, or a count of them at random places where none
+    hides another
 lamps: Geometry of lamps, shared by renderer and truth
 occluders: Flat occluders in front of the print: what they hide from the camera, in closed form
+placement: Sheets in the camera frame: their pose from a study's keys, the outlines of their parts, and what must be
+    in view
 sheets: From a marker's section to the printed sheet: one function for each kind
 """

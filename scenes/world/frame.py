@@ -229,7 +229,9 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         check_in_view(frame, part, fail)
     if settings.markers.any:
         own = PlacedSheet(settings.marker, sheet, camera_from_sheet)
-        others = further_sheets(settings, group.pose, own, camera, lambda k: stream(study.seed, name, 6, index, k), fail)
+        others = further_sheets(
+            settings, group.pose, own, camera, lambda k: stream(study.seed, name, 6, index, k), fail
+        )
         frame = replace(frame, others=others)
         for view in frame.views()[1:]:
             for part in view.sheet.parts:

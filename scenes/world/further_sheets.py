@@ -88,15 +88,15 @@ def further_sheets(
         found.append(own)
     for k in range(keys.count):
         kind = keys.kinds[k % len(keys.kinds)] if keys.kinds else settings.marker
-        own = _at_random(settings, spread, kind, found, camera, seeds(len(keys.others) + k), fail)
-        if own is None:
+        free = _at_random(settings, spread, kind, found, camera, seeds(len(keys.others) + k), fail)
+        if free is None:
             raise fail(
                 f"markers.count: only {k} of {keys.count} find a place where none hides another; give fewer, smaller "
                 "or more distant markers",
                 "markers",
                 "count",
             )
-        found.append(own)
+        found.append(free)
     return tuple(found[1:])
 
 
@@ -202,9 +202,7 @@ def gap_px(a: Array, b: Array) -> float:
         length = np.linalg.norm(side, axis=1, keepdims=True)
         outward = np.stack([side[:, 1], -side[:, 0]], axis=-1) / np.where(length > 0, length, 1.0)
         along_a, along_b = outward @ a.T, outward @ b.T
-        gaps = np.maximum(
-            along_b.min(axis=1) - along_a.max(axis=1), along_a.min(axis=1) - along_b.max(axis=1)
-        )
+        gaps = np.maximum(along_b.min(axis=1) - along_a.max(axis=1), along_a.min(axis=1) - along_b.max(axis=1))
         widest = max(widest, float(gaps.max()))
     return widest
 
@@ -222,4 +220,3 @@ def _meet(a: PlacedSheet, b: PlacedSheet, camera: Camera) -> bool:
         if there[:, 2].min() > here.max() + _APART_M or there[:, 2].max() < here.min() - _APART_M:
             return False
     return True
-
