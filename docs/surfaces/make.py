@@ -1,0 +1,246 @@
+"""Make the figures and tables of docs/surfaces.md: `python docs/surfaces/make.py OUT`.
+
+OUT contains the folders `curvature` and `crowd`, written by `roundel run STUDY OUT/STUDY`.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.scenes.geometry.conic import ellipse_points
+from roundel.validate.figures.svg import Picture, draw_svg, standalone_svg
+
+HERE = Path(__file__).parent
+PAGE = HERE.parent / "surfaces.md"
+DIAMETER_M = 0.08
+SHOWN_M = (10.0, 0.5, 0.2, 0.07)
+TRUTH, FITTED, MISSED = (0, 190, 160), (230, 120, 0), (220, 30, 30)
+ZOOM, SIDE_PX = 4, 96
+
+Array = NDArray[np.float64]
+
+
+def columns(out: Path, study: str) -> dict[str, Any]:
+    """The scores of a finished study, against the truth, as arrays; nulls are NaN."""
+    table = pq.read_table(out / study / "report" / "scores.parquet")
+    table = table.filter(pc.equal(table["reference"], "truth"))
+    return {
+        name: np.array(
+            [np.nan if v is None else v for v in table[name].to_pylist()]
+            if pa.types.is_floating(table[name].type)
+            else table[name].to_pylist()
+        )
+        for name in table.column_names
+    }
+
+
+def medians(scores: dict[str, Any]) -> dict[str, list[tuple[float, float, int, int]]]:
+    """For each method, rows of (radius in m, median normal error in degrees, solved, frames), flattest first."""
+    found: dict[str, list[tuple[float, float, int, int]]] = {}
+    for method in sorted(set(scores["method"]), reverse=True):
+        for level in sorted(set(scores["sweep_level"]), reverse=True):
+            rows = (scores["method"] == method) & (scores["sweep_level"] == level)
+            error = scores["oracle_normal_error_deg"][rows]
+            solved = int(np.isfinite(error).sum())
+            middle = float(np.nanmedian(error)) if solved else np.nan
+            found.setdefault(method, []).append((float(level), middle, solved, int(rows.sum())))
+    return found
+
+
+def doubling_m(rows: list[tuple[float, float, int, int]]) -> float:
+    """The radius at which the median error is twice that of the flattest level, interpolated in logarithms."""
+    flat = rows[0][1]
+    for before, after in pairwise(rows):
+        if after[1] >= 2 * flat:
+            share = (np.log(2 * flat) - np.log(before[1])) / (np.log(after[1]) - np.log(before[1]))
+            return float(np.exp(np.log(before[0]) + share * (np.log(after[0]) - np.log(before[0]))))
+    return np.nan
+
+
+def curvature_table(found: dict[str, list[tuple[float, float, int, int]]]) -> str:
+    """Format the medians, and where they double."""
+    methods = list(found)
+    head = ["radius, m", "radius / diameter", *(f"{m}: error, deg (solved)" for m in methods)]
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for i, (radius, *_) in enumerate(found[methods[0]]):
+        cells = [f"{radius:g}", f"{radius / DIAMETER_M:.3g}"]
+        cells += [f"{found[m][i][1]:.3g} ({found[m][i][2]} of {found[m][i][3]})" for m in methods]
+        lines.append("| " + " | ".join(cells) + " |")
+    said = []
+    for method in methods:
+        at = doubling_m(found[method])
+        said.append(
+            f"With `{method}` the error is twice that on flat paper at a radius of {at:.2g} m, "
+            f"{at / DIAMETER_M:.2g} diameters."
+            if np.isfinite(at)
+            else f"With `{method}` it does not double within these radii."
+        )
+    return "\n".join([*lines, "", *said])
+
+
+def curvature_figure(found: dict[str, list[tuple[float, float, int, int]]]) -> str:
+    """Draw the medians over the radius."""
+
+    def draw(page: Figure) -> None:
+        axes = page.subplots()
+        for method, rows in found.items():
+            axes.plot([r[0] / DIAMETER_M for r in rows], [r[1] for r in rows], marker="o", label=method)
+            at = doubling_m(rows)
+            if np.isfinite(at):
+                axes.axvline(at / DIAMETER_M, linestyle=":", linewidth=1, color="0.5")
+        axes.set(xscale="log", yscale="log", xlabel="radius of curvature / diameter", ylabel="normal error, deg")
+        axes.invert_xaxis()
+        axes.grid(alpha=0.3)
+        axes.legend()
+
+    return standalone_svg(
+        Picture("curvature", "", draw_svg("curvature", "Normal error over curvature", (6.4, 3.6), draw))
+    )
+
+
+def ellipses(out: Path, study: str, method: str) -> dict[int, Array]:
+    """The fitted ellipses (n, 5) of each frame."""
+    table = pq.read_table(out / study / "estimates" / "estimates.parquet")
+    found: dict[int, list[list[float]]] = {}
+    for row in table.to_pylist():
+        if row["method"] == method and row["candidate"] == 0 and row["ellipse_x_px"] is not None:
+            keys = ("x_px", "y_px", "a_px", "b_px", "angle_deg")
+            found.setdefault(row["frame_id"], []).append([row[f"ellipse_{key}"] for key in keys])
+    return {frame: np.array(rows) for frame, rows in found.items()}
+
+
+def patch(dataset: Dataset, row: dict[str, Any], fitted: Array | None) -> Image.Image:
+    """A marker's neighbourhood, enlarged, with its true contour and the fitted ellipses."""
+    centre = np.rint([row["centre_image_x_px"], row["centre_image_y_px"]]).astype(int)
+    left, top = centre - SIDE_PX // 2
+    whole = Image.fromarray(dataset.images.image(dataset.images.frame_ids.index(row["frame_id"]))).convert("RGB")
+    big = whole.crop((left, top, left + SIDE_PX, top + SIDE_PX)).resize((SIDE_PX * ZOOM,) * 2, Image.Resampling.NEAREST)
+    draw = ImageDraw.Draw(big)
+
+    def line(points: Array, colour: tuple[int, int, int]) -> None:
+        # The centre of a pixel is a whole number: its left border is half a pixel before it.
+        at = (points - [left - 0.5, top - 0.5]) * ZOOM
+        draw.line([tuple(p) for p in np.vstack([at, at[:1]])], fill=colour, width=2)
+
+    line(np.column_stack([row["contour_x_px"], row["contour_y_px"]]), TRUTH)
+    for ellipse in fitted if fitted is not None else []:
+        line(ellipse_points(ellipse, 256), FITTED)
+    return big
+
+
+def curvature_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
+    """The worst frame at some radii."""
+    dataset = open_dataset(out / "curvature" / "dataset")
+    truth = {row["frame_id"]: row for row in dataset.truth.to_pylist()}
+    fitted = ellipses(out, "curvature", "pixels")
+    tiles = []
+    for radius in SHOWN_M:
+        rows = np.flatnonzero((scores["method"] == "pixels") & (scores["sweep_level"] == radius))
+        error = scores["oracle_normal_error_deg"][rows]
+        i = rows[int(np.nanargmax(error))]
+        frame = int(scores["frame_id"][i])
+        tiles.append((f"{radius:g} m: {np.nanmax(error):.2g} deg", patch(dataset, truth[frame], fitted.get(frame))))
+    side = SIDE_PX * ZOOM
+    page = Image.new("RGB", (len(tiles) * (side + 6) - 6, side + 28), (255, 255, 255))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(18)
+    for i, (name, tile) in enumerate(tiles):
+        draw.text((i * (side + 6), 2), name, font=font, fill=(20, 20, 20))
+        page.paste(tile, (i * (side + 6), 28))
+    return page
+
+
+def crowd_table(scores: dict[str, Any], false: dict[tuple[str, str], int]) -> str:
+    """Recall, false positives and errors of each group and method."""
+    lines = [
+        "| group | method | found | false positives | normal error, deg | its bound, deg | position error, % |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for group in dict.fromkeys(scores["group"]):
+        for method in sorted(set(scores["method"]), reverse=True):
+            rows = (scores["group"] == group) & (scores["method"] == method)
+            values = [
+                np.nanmedian(scores[name][rows])
+                for name in ("oracle_normal_error_deg", "normal_bound_deg", "oracle_position_error_pct")
+            ]
+            found = f"{int(scores['detected'][rows].sum())} of {int(rows.sum())}"
+            cells = [group, method, found, str(false[group, method]), *(f"{v:.3f}" for v in values)]
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def false_positives(out: Path, study: str, scores: dict[str, Any]) -> dict[tuple[str, str], int]:
+    """Detections that match no marker, by group and method: all that have an ellipse, less those found."""
+    groups = dict(zip(scores["frame_id"].tolist(), scores["group"].tolist(), strict=True))
+    counts: dict[tuple[str, str], int] = {}
+    for method in set(scores["method"]):
+        for group in set(scores["group"]):
+            rows = (scores["group"] == group) & (scores["method"] == method)
+            every = sum(len(e) for f, e in ellipses(out, study, method).items() if groups[f] == group)
+            counts[group, method] = every - int(scores["detected"][rows].sum())
+    return counts
+
+
+def crowd_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
+    """The first frame of each group, with the contours of what was found and missed."""
+    dataset = open_dataset(out / "crowd" / "dataset")
+    truth = dataset.truth.to_pylist()
+    mine = scores["method"] == "pixels"
+    found = {
+        (int(f), int(m)): bool(d)
+        for f, m, d in zip(scores["frame_id"][mine], scores["marker_id"][mine], scores["detected"][mine], strict=True)
+    }
+    tiles = []
+    for group in ("five", "ten", "twenty", "tabletop"):
+        frame = next(row["frame_id"] for row in truth if row["group"] == group)
+        image = Image.fromarray(dataset.images.image(dataset.images.frame_ids.index(frame))).convert("RGB")
+        draw = ImageDraw.Draw(image)
+        for row in truth:
+            if row["frame_id"] == frame:
+                points = [*zip(row["contour_x_px"], row["contour_y_px"], strict=True)]
+                colour = TRUTH if found[frame, row["marker_id"]] else MISSED
+                draw.line([*points, points[0]], fill=colour, width=3)
+        tiles.append(image.resize((640, 360), Image.Resampling.LANCZOS))
+    page = Image.new("RGB", (640 * 2 + 6, 360 * 2 + 6), (255, 255, 255))
+    for i, tile in enumerate(tiles):
+        page.paste(tile, ((i % 2) * 646, (i // 2) * 366))
+    return page
+
+
+def put(page: str, name: str, text: str) -> str:
+    """The page with a table between its two marks."""
+    new, places = re.subn(
+        rf"(<!-- {name} -->\n).*?(<!-- end -->)", lambda m: f"{m[1]}\n{text}\n\n{m[2]}", page, flags=re.DOTALL
+    )
+    if places != 1:
+        raise SystemExit(f"{PAGE.name} has {places} places for {name}; expected one")
+    return new
+
+
+def main(out: Path) -> None:
+    """Write the figures next to this script, and the tables into the page."""
+    bent, crowd = columns(out, "curvature"), columns(out, "crowd")
+    found = medians(bent)
+    (HERE / "curvature.svg").write_text(curvature_figure(found), encoding="utf-8")
+    curvature_picture(out, bent).save(HERE / "curvature.jpg", quality=88, optimize=True)
+    crowd_picture(out, crowd).save(HERE / "crowd.jpg", quality=88, optimize=True)
+    page = PAGE.read_text(encoding="utf-8")
+    page = put(page, "curvature", curvature_table(found))
+    page = put(page, "crowd", crowd_table(crowd, false_positives(out, "crowd", crowd)))
+    PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
