@@ -1,50 +1,27 @@
-"""Make the figures and tables of docs/surfaces.md: `python docs/surfaces/make.py OUT`.
+"""Make the figures and tables of docs/surfaces.md: `python docs/worlds/surfaces.py OUT`.
 
 OUT contains the folders `curvature` and `crowd`, written by `roundel run STUDY OUT/STUDY`.
 """
 
 from __future__ import annotations
 
-import re
 import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
+from scored import MISSED, TRUTH, columns, ellipses, false_positives, group_table, in_a_row, patch, put
 
-from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.scenes.geometry.conic import ellipse_points
+from roundel.datasets.dataset import open_dataset
 from roundel.validate.figures.svg import Picture, draw_svg, standalone_svg
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "surfaces.md"
 DIAMETER_M = 0.08
 SHOWN_M = (10.0, 0.5, 0.2, 0.07)
-TRUTH, FITTED, MISSED = (0, 190, 160), (230, 120, 0), (220, 30, 30)
-ZOOM, SIDE_PX = 4, 96
-
-Array = NDArray[np.float64]
-
-
-def columns(out: Path, study: str) -> dict[str, Any]:
-    """The scores of a finished study, against the truth, as arrays; nulls are NaN."""
-    table = pq.read_table(out / study / "report" / "scores.parquet")
-    table = table.filter(pc.equal(table["reference"], "truth"))
-    return {
-        name: np.array(
-            [np.nan if v is None else v for v in table[name].to_pylist()]
-            if pa.types.is_floating(table[name].type)
-            else table[name].to_pylist()
-        )
-        for name in table.column_names
-    }
 
 
 def medians(scores: dict[str, Any]) -> dict[str, list[tuple[float, float, int, int]]]:
@@ -111,36 +88,6 @@ def curvature_figure(found: dict[str, list[tuple[float, float, int, int]]]) -> s
     )
 
 
-def ellipses(out: Path, study: str, method: str) -> dict[int, Array]:
-    """The fitted ellipses (n, 5) of each frame."""
-    table = pq.read_table(out / study / "estimates" / "estimates.parquet")
-    found: dict[int, list[list[float]]] = {}
-    for row in table.to_pylist():
-        if row["method"] == method and row["candidate"] == 0 and row["ellipse_x_px"] is not None:
-            keys = ("x_px", "y_px", "a_px", "b_px", "angle_deg")
-            found.setdefault(row["frame_id"], []).append([row[f"ellipse_{key}"] for key in keys])
-    return {frame: np.array(rows) for frame, rows in found.items()}
-
-
-def patch(dataset: Dataset, row: dict[str, Any], fitted: Array | None) -> Image.Image:
-    """A marker's neighbourhood, enlarged, with its true contour and the fitted ellipses."""
-    centre = np.rint([row["centre_image_x_px"], row["centre_image_y_px"]]).astype(int)
-    left, top = centre - SIDE_PX // 2
-    whole = Image.fromarray(dataset.images.image(dataset.images.frame_ids.index(row["frame_id"]))).convert("RGB")
-    big = whole.crop((left, top, left + SIDE_PX, top + SIDE_PX)).resize((SIDE_PX * ZOOM,) * 2, Image.Resampling.NEAREST)
-    draw = ImageDraw.Draw(big)
-
-    def line(points: Array, colour: tuple[int, int, int]) -> None:
-        # The centre of a pixel is a whole number: its left border is half a pixel before it.
-        at = (points - [left - 0.5, top - 0.5]) * ZOOM
-        draw.line([tuple(p) for p in np.vstack([at, at[:1]])], fill=colour, width=2)
-
-    line(np.column_stack([row["contour_x_px"], row["contour_y_px"]]), TRUTH)
-    for ellipse in fitted if fitted is not None else []:
-        line(ellipse_points(ellipse, 256), FITTED)
-    return big
-
-
 def curvature_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
     """The worst frame at some radii."""
     dataset = open_dataset(out / "curvature" / "dataset")
@@ -153,44 +100,7 @@ def curvature_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
         i = rows[int(np.nanargmax(error))]
         frame = int(scores["frame_id"][i])
         tiles.append((f"{radius:g} m: {np.nanmax(error):.2g} deg", patch(dataset, truth[frame], fitted.get(frame))))
-    side = SIDE_PX * ZOOM
-    page = Image.new("RGB", (len(tiles) * (side + 6) - 6, side + 28), (255, 255, 255))
-    draw, font = ImageDraw.Draw(page), ImageFont.load_default(18)
-    for i, (name, tile) in enumerate(tiles):
-        draw.text((i * (side + 6), 2), name, font=font, fill=(20, 20, 20))
-        page.paste(tile, (i * (side + 6), 28))
-    return page
-
-
-def crowd_table(scores: dict[str, Any], false: dict[tuple[str, str], int]) -> str:
-    """Recall, false positives and errors of each group and method."""
-    lines = [
-        "| group | method | found | false positives | normal error, deg | its bound, deg | position error, % |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for group in dict.fromkeys(scores["group"]):
-        for method in sorted(set(scores["method"]), reverse=True):
-            rows = (scores["group"] == group) & (scores["method"] == method)
-            values = [
-                np.nanmedian(scores[name][rows])
-                for name in ("oracle_normal_error_deg", "normal_bound_deg", "oracle_position_error_pct")
-            ]
-            found = f"{int(scores['detected'][rows].sum())} of {int(rows.sum())}"
-            cells = [group, method, found, str(false[group, method]), *(f"{v:.3f}" for v in values)]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def false_positives(out: Path, study: str, scores: dict[str, Any]) -> dict[tuple[str, str], int]:
-    """Detections that match no marker, by group and method: all that have an ellipse, less those found."""
-    groups = dict(zip(scores["frame_id"].tolist(), scores["group"].tolist(), strict=True))
-    counts: dict[tuple[str, str], int] = {}
-    for method in set(scores["method"]):
-        for group in set(scores["group"]):
-            rows = (scores["group"] == group) & (scores["method"] == method)
-            every = sum(len(e) for f, e in ellipses(out, study, method).items() if groups[f] == group)
-            counts[group, method] = every - int(scores["detected"][rows].sum())
-    return counts
+    return in_a_row(tiles)
 
 
 def crowd_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
@@ -219,16 +129,6 @@ def crowd_picture(out: Path, scores: dict[str, Any]) -> Image.Image:
     return page
 
 
-def put(page: str, name: str, text: str) -> str:
-    """The page with a table between its two marks."""
-    new, places = re.subn(
-        rf"(<!-- {name} -->\n).*?(<!-- end -->)", lambda m: f"{m[1]}\n{text}\n\n{m[2]}", page, flags=re.DOTALL
-    )
-    if places != 1:
-        raise SystemExit(f"{PAGE.name} has {places} places for {name}; expected one")
-    return new
-
-
 def main(out: Path) -> None:
     """Write the figures next to this script, and the tables into the page."""
     bent, crowd = columns(out, "curvature"), columns(out, "crowd")
@@ -236,10 +136,8 @@ def main(out: Path) -> None:
     (HERE / "curvature.svg").write_text(curvature_figure(found), encoding="utf-8")
     curvature_picture(out, bent).save(HERE / "curvature.jpg", quality=88, optimize=True)
     crowd_picture(out, crowd).save(HERE / "crowd.jpg", quality=88, optimize=True)
-    page = PAGE.read_text(encoding="utf-8")
-    page = put(page, "curvature", curvature_table(found))
-    page = put(page, "crowd", crowd_table(crowd, false_positives(out, "crowd", crowd)))
-    PAGE.write_text(page, encoding="utf-8")
+    put(PAGE, "curvature", curvature_table(found))
+    put(PAGE, "crowd", group_table(crowd, false_positives(out, "crowd", crowd)))
 
 
 if __name__ == "__main__":
