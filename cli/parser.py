@@ -13,6 +13,8 @@ EXIT_STATUS = (
     "4 run-time failure or corrupt data, 130 interrupted"
 )
 SHELLS = ("bash", "zsh", "fish")
+# Those of `roundel.render.backend`, which is not imported here.
+BACKENDS = ("llvm", "cuda", "auto")
 
 # Takes a verb's name and its line of help, returns its parser.
 AddVerb = Callable[[str, str], argparse.ArgumentParser]
@@ -77,6 +79,14 @@ def _add_rendering(add: AddVerb) -> None:
             help="number of processes (default 1; one process uses all cores)",
         )
         parser.add_argument("--threads", type=count, metavar="N", help="threads per process (default: all cores)")
+        parser.add_argument(
+            "--backend",
+            choices=BACKENDS,
+            default=BACKENDS[0],
+            metavar="BACKEND",
+            help="llvm (default): the processor, bit-identical on every run; cuda: an NVIDIA GPU; auto: cuda where a "
+            "GPU is usable, else llvm",
+        )
 
     develop = add("develop", "re-expose a dataset's radiance for another sensor, without rendering")
     develop.add_argument("dataset", metavar="DATASET", help=_DATASET)

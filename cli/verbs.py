@@ -109,6 +109,7 @@ def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: 
             dataset,
             jobs=arguments.jobs,
             threads=arguments.threads,
+            backend=arguments.backend,
             frames=frames,
             progress=show,
             check_progress=partial(show, step="check"),

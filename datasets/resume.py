@@ -44,6 +44,28 @@ def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
     return {i: entry for i, entry in journal.read(dataset).items() if journal.is_done(dataset, entry)}
 
 
+def backend_of(entry: journal.Entry) -> str:
+    """Backend that rendered a frame; lines without one are older than the choice."""
+    return str(entry.get("backend", "llvm"))
+
+
+def backend_to_resume(dataset: Path, entries: dict[int, journal.Entry], asked: str) -> str:
+    """The backend of finished frames, with which a dataset is continued.
+
+    Raises
+    ------
+    UsageError
+        If another one is asked for: the manifest names one environment for all frames.
+    """
+    begun = backend_of(next(iter(entries.values())))
+    if asked not in (begun, "auto"):
+        raise UsageError(
+            f"{dataset}: its frames were rendered with --backend {begun}; continue with that, "
+            f"or render with --backend {asked} into another folder"
+        )
+    return begun
+
+
 def reopen(dataset: Path, entries: dict[int, journal.Entry]) -> None:
     """Remove the manifest and journal lines of missing frames, before new frames change files that they list."""
     (dataset / files.MANIFEST).unlink(missing_ok=True)

@@ -1,132 +1,81 @@
-"""Find LLVM and start Mitsuba once, or raise a clear error.
-
-Dr.Jit loads libLLVM at run time. Version 15 kills the process (`Cannot select ... fminimum`), versions before 15 are
-refused, 16 and newer work. The package `karellen-llvm-core` installs one in the environment; the user's own
-`DRJIT_LIBLLVM_PATH` takes precedence.
-"""
+"""Choose between processor (LLVM) and GPU (CUDA) and start Mitsuba once, or raise a clear error."""
 
 from __future__ import annotations
 
-import ctypes.util
 import os
-import re
-import sys
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from roundel.scenes.errors import RoundelError, first_line
+from roundel.render.cuda import find_gpu
+from roundel.render.llvm import REMEDY, find_llvm, simd_width
+from roundel.scenes.errors import BackendError, UsageError, first_line
 from roundel.scenes.world.frame import Frame
 
+# LLVM is the default because its frames are bit-identical on every run; see docs/decisions/014-backends.md.
+DEFAULT_BACKEND = "llvm"
+BACKENDS = ("llvm", "cuda", "auto")
 DEFAULT_VARIANT = "llvm_ad_mono"
-OLDEST_LLVM = 16
-_REMEDY = (
-    f"install LLVM {OLDEST_LLVM} or newer (on Linux x86-64: pip install karellen-llvm-core) "
-    "or set DRJIT_LIBLLVM_PATH to its libLLVM"
-)
-
 
 # Variants with the ink plugin registered: each variant has its own plugins.
 _with_ink: set[str] = set()
 
 
-class BackendError(RoundelError):
-    """The renderer cannot start; the message names the remedy."""
-
-    exit_code = 4
-
-
-@dataclass(frozen=True)
-class Llvm:
-    """A libLLVM on disk; `source` is where it was found; `version` 0 means that the file name does not show it."""
-
-    path: Path
-    version: int
-    source: str
-
-
-def _version_of(path: Path) -> int:
-    """Major version from the file's name, following links (libLLVM.so -> libLLVM.so.23.1)."""
-    for name in (path.name, Path(os.path.realpath(path)).name):
-        match = re.search(r"LLVM(?:-C)?[-.]?(?:so|dylib)?[.-]?(\d+)", name)
-        if match:
-            return int(match.group(1))
-    return 0
-
-
-def _candidates() -> list[tuple[Path, str]]:
-    pattern = {"darwin": "libLLVM*.dylib", "win32": "LLVM*.dll"}.get(sys.platform, "libLLVM*.so*")
-    found: list[tuple[Path, str]] = []
-    environment = Path(sys.prefix)
-    for folder in (environment / "lib", environment / "Lib", environment / "bin"):
-        found += [(p, "the environment") for p in sorted(folder.glob(pattern), reverse=True)]
-    system = [
-        Path("/usr/lib"),
-        Path("/usr/local/lib"),
-        Path("/opt/homebrew/opt/llvm/lib"),
-        Path("/usr/local/opt/llvm/lib"),
-    ]
-    system += sorted(Path("/usr/lib").glob("*-linux-gnu")) + sorted(Path("/usr/lib").glob("llvm-*/lib"))
-    for folder in system:
-        found += [(p, "the system") for p in sorted(folder.glob(pattern), reverse=True)]
-    return found
-
-
-def find_llvm() -> Llvm:
-    """The libLLVM for Dr.Jit to load.
+def choose_backend(asked: str) -> str:
+    """The backend to render with, `llvm` or `cuda`: `auto` is `cuda` where a GPU is usable, else `llvm`.
 
     Raises
     ------
+    UsageError
+        If there is no such backend.
     BackendError
-        If none works; the one-line message has the remedy.
+        If `cuda` is asked for and no GPU is usable; the message has the remedy.
     """
-    chosen = os.environ.get("DRJIT_LIBLLVM_PATH")
-    if chosen:
-        path = Path(chosen)
-        if not path.exists() and ctypes.util.find_library(chosen) is None:
-            raise BackendError(f"DRJIT_LIBLLVM_PATH: no such file: {chosen}; {_REMEDY}")
-        version = _version_of(path)
-        if 0 < version < OLDEST_LLVM:
-            raise BackendError(f"DRJIT_LIBLLVM_PATH: LLVM {version} does not work with Dr.Jit; {_REMEDY}")
-        return Llvm(path, version, "DRJIT_LIBLLVM_PATH")
-    usable: list[Llvm] = []
-    for path, source in _candidates():
-        version = _version_of(path)
-        # The environment's own is known to work; others must show a suitable version in their name.
-        if version >= OLDEST_LLVM or (version == 0 and source == "the environment"):
-            usable.append(Llvm(path, version, source))
-    if not usable:
-        raise BackendError(f"no usable LLVM found; {_REMEDY}")
-    ours = [llvm for llvm in usable if llvm.source == "the environment"]
-    return ours[0] if ours else max(usable, key=lambda llvm: llvm.version)
+    if asked not in BACKENDS:
+        raise UsageError(f"backend {asked!r}: use {', '.join(BACKENDS[:-1])} or {BACKENDS[-1]}")
+    if asked == "llvm":
+        return asked
+    try:
+        find_gpu()
+    except BackendError:
+        if asked == "cuda":
+            raise
+        return "llvm"
+    return "cuda"
 
 
 def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
-    """Import Mitsuba on `variant`, with LLVM found first, and return the module.
+    """Import Mitsuba on `variant`, with the libraries that Dr.Jit loads found first, and return the module.
 
     Parameters
     ----------
     variant : str
-        A Mitsuba variant; `cuda_ad_mono` is optional.
+        A Mitsuba variant: `llvm_ad_mono`, `llvm_ad_rgb`, `cuda_ad_mono` or `cuda_ad_rgb`.
     threads : int, optional
-        Threads of the CPU backend; the images do not depend on it.
+        Threads of the processor; the images do not depend on it.
 
     Raises
     ------
     BackendError
-        If LLVM or the variant is missing.
+        If LLVM, the GPU or the variant is missing.
     """
-    if variant.startswith("llvm"):
+    on_gpu = variant.startswith("cuda")
+    if on_gpu:
+        find_gpu()
+    try:
+        # Dr.Jit looks for LLVM when it is imported, on a GPU too: a process may change from one to the other.
         os.environ["DRJIT_LIBLLVM_PATH"] = str(find_llvm().path)
+    except BackendError:
+        if not on_gpu:
+            raise
     import mitsuba as mi
 
     if variant not in mi.variants():
         raise BackendError(f"Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
     if mi.variant() != variant:
+        remedy = "render with --backend llvm" if on_gpu else REMEDY
         try:
             mi.set_variant(variant)
         except (ImportError, RuntimeError) as error:
-            raise BackendError(f"Mitsuba cannot start {variant}: {first_line(error)}; {_REMEDY}") from error
+            raise BackendError(f"Mitsuba cannot start {variant}: {first_line(error)}; {remedy}") from error
     if variant not in _with_ink:
         from roundel.render.scene.ink import register_ink
 
@@ -139,29 +88,36 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
     return mi
 
 
-def variant_of(frame: Frame, variant: str = DEFAULT_VARIANT) -> str:
-    """The variant a frame needs: `variant`, with colours if a mosaic or a sky requires them."""
+def variant_of(frame: Frame, backend: str = DEFAULT_BACKEND) -> str:
+    """The variant a frame needs: of `backend`, with colours if a mosaic or a sky requires them."""
     from roundel.render.scene.lights import needs_colour
 
-    return variant.replace("_mono", "_rgb") if needs_colour(frame) else variant
+    return f"{backend}_ad_{'rgb' if needs_colour(frame) else 'mono'}"
 
 
-def environment(variant: str = DEFAULT_VARIANT) -> dict[str, Any]:
-    """What the last bits of a rendered pixel depend on besides the packages: variant, LLVM, vector width."""
+def environment(backend: str = DEFAULT_BACKEND) -> dict[str, Any]:
+    """What the last bits of a rendered pixel depend on besides the packages.
+
+    Returns
+    -------
+    dict
+        `variant`, that of frames without colours; with it `llvm` and `simd_width`, or `gpu`, its `compute_capability`
+        and the version of the driver's interface, `cuda`.
+    """
+    variant = f"{backend}_ad_mono"
     start(variant)
     import drjit as dr
 
-    record: dict[str, Any] = {"variant": variant}
-    if variant.startswith("llvm"):
-        record["llvm"] = ".".join(str(v) for v in dr.detail.llvm_version())
-        record["simd_width"] = simd_width()
-    return record
-
-
-def simd_width() -> int:
-    """Number of float32 lanes of the widest vector registers that this processor offers to LLVM."""
-    try:
-        flags = Path("/proc/cpuinfo").read_text(encoding="utf-8").split("flags", 1)[1].split("\n", 1)[0]
-    except (OSError, IndexError):
-        flags = ""
-    return 16 if "avx512f" in flags else 8 if "avx2" in flags or "avx" in flags else 4
+    if backend == "cuda":
+        gpu = find_gpu()
+        return {
+            "variant": variant,
+            "gpu": gpu.name,
+            "compute_capability": int(dr.detail.cuda_compute_capability()),
+            "cuda": f"{gpu.cuda[0]}.{gpu.cuda[1]}",
+        }
+    return {
+        "variant": variant,
+        "llvm": ".".join(str(v) for v in dr.detail.llvm_version()),
+        "simd_width": simd_width(),
+    }

@@ -38,9 +38,14 @@ def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str,
 
 
 def entry_of(
-    frame: Frame, developed: Developed, planes: Planes, fidelity: dict[str, Any], listed: dict[str, dict[str, Any]]
+    frame: Frame,
+    developed: Developed,
+    planes: Planes,
+    fidelity: dict[str, Any],
+    listed: dict[str, dict[str, Any]],
+    backend: str,
 ) -> journal.Entry:
-    """The frame's journal line: files and numbers with checksums, sensor, exposure, flags, photometry, fidelity.
+    """The frame's journal line: checksums of files and numbers, backend, sensor, exposure, flags, photometry, fidelity.
 
     Parameters
     ----------
@@ -52,11 +57,14 @@ def entry_of(
         Fidelity of each circle, measured when the frame was rendered.
     listed : dict
         Result of `write_frame`.
+    backend : str
+        Backend of the renderer.
     """
     return {
         "frame_id": frame.frame_id,
         "group": frame.group,
         "numbers_sha256": frame_digest(frame),
+        "backend": backend,
         "files": listed,
         "exposure_e": developed.exposure_e,
         "saturated_fraction": developed.saturated_fraction,

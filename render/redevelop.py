@@ -16,7 +16,7 @@ from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.radiance import Planes, encode_radiance, read_radiance, rounded
 from roundel.datasets.numbers import check_numbers
-from roundel.datasets.resume import prepare, record, reopen
+from roundel.datasets.resume import backend_of, prepare, record, reopen
 from roundel.render.frame_files import entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
@@ -77,7 +77,7 @@ def _develop_frame(
         files.link_file(source / name, out / name)
         listed[name] = old["files"][name]
     clock.append(time.perf_counter())
-    entry = entry_of(frame, developed, planes, old["fidelity"], listed)
+    entry = entry_of(frame, developed, planes, old["fidelity"], listed, backend_of(old))
     encode, write = np.diff(clock)
     return entry, {"encode_s": float(encode), "write_s": float(write)}
 

@@ -19,8 +19,8 @@ from roundel.datasets.finish import finish_dataset
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.radiance import encode_radiance
 from roundel.datasets.numbers import check_resumable
-from roundel.datasets.resume import prepare, record, reopen
-from roundel.render.backend import DEFAULT_VARIANT, environment, start, variant_of
+from roundel.datasets.resume import backend_to_resume, prepare, record, reopen
+from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start, variant_of
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
@@ -40,15 +40,15 @@ _FINISHERS = 2
 Done = tuple[journal.Entry, dict[str, float]]
 
 
-def _traced(frame: Frame, variant: str) -> tuple[Radiance, float]:
+def _traced(frame: Frame, backend: str) -> tuple[Radiance, float]:
     """A frame's radiance and its timings in seconds."""
     from roundel.render.radiance import render_radiance
 
     began = time.perf_counter()
-    return render_radiance(start(variant_of(frame, variant)), frame), time.perf_counter() - began
+    return render_radiance(start(variant_of(frame, backend)), frame), time.perf_counter() - began
 
 
-def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path) -> Done:
+def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path, backend: str) -> Done:
     """Measure, develop and write a traced frame; needs no renderer."""
     clock = [time.perf_counter()]
     developed = develop(frame, radiance.mean)
@@ -69,10 +69,10 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path) 
     clock.append(time.perf_counter())
     encode, write = np.diff(clock)
     seconds = {"render_s": render_s, "encode_s": float(encode), "write_s": float(write)}
-    return entry_of(frame, developed, planes, fidelity, listed), seconds
+    return entry_of(frame, developed, planes, fidelity, listed, backend), seconds
 
 
-def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) -> Done:
+def render_frame(frame: Frame, dataset: Path, backend: str = DEFAULT_BACKEND) -> Done:
     """Render, measure, develop and write one frame.
 
     Returns
@@ -82,18 +82,18 @@ def render_frame(frame: Frame, dataset: Path, variant: str = DEFAULT_VARIANT) ->
     seconds : dict
         Timings, for timings.jsonl.
     """
-    return _finished(frame, *_traced(frame, variant), dataset)
+    return _finished(frame, *_traced(frame, backend), dataset, backend)
 
 
-def render_frames(frames: Iterable[Frame], dataset: Path, variant: str = DEFAULT_VARIANT) -> Iterator[Done]:
+def render_frames(frames: Iterable[Frame], dataset: Path, backend: str = DEFAULT_BACKEND) -> Iterator[Done]:
     """Frames in order: while one is traced, earlier ones are measured, compressed and written."""
     with ThreadPoolExecutor(_FINISHERS, "finish") as pool:
         before: deque[Future[Done]] = deque()
         for frame in frames:
-            traced = _traced(frame, variant)
+            traced = _traced(frame, backend)
             if len(before) == _FINISHERS:
                 yield before.popleft().result()
-            before.append(pool.submit(_finished, frame, *traced, dataset))
+            before.append(pool.submit(_finished, frame, *traced, dataset, backend))
         while before:
             yield before.popleft().result()
 
@@ -102,31 +102,30 @@ def render_frames(frames: Iterable[Frame], dataset: Path, variant: str = DEFAULT
 _worker: dict[str, Any] = {}
 
 
-def _start_worker(study_path: str, digest: str, dataset: str, variant: str, threads: int | None) -> None:
+def _start_worker(study_path: str, digest: str, dataset: str, backend: str, threads: int | None) -> None:
     study = load_study(study_path)
     if study.digest() != digest:
         raise UsageError(f"{study_path}: changed while it was being rendered; run again")
-    _worker.update(study=study, dataset=Path(dataset), variant=variant)
-    start(variant, threads)
+    _worker.update(study=study, dataset=Path(dataset), backend=backend)
+    start(f"{backend}_ad_mono", threads)
 
 
 def _work(frame_id: int) -> Done:
-    return render_frame(frame_of(_worker["study"], frame_id), _worker["dataset"], _worker["variant"])
+    return render_frame(frame_of(_worker["study"], frame_id), _worker["dataset"], _worker["backend"])
 
 
 def _rendered(
-    study: Study, dataset: Path, frame_ids: list[int], jobs: int, variant: str, threads: int | None
+    study: Study, dataset: Path, frame_ids: list[int], jobs: int, backend: str, threads: int | None
 ) -> Iterator[Done]:
     """Results in order of completion."""
     if not frame_ids:
         return
-    if jobs == 1:
-        start(variant, threads)
-        yield from render_frames((frame_of(study, i) for i in frame_ids), dataset, variant)
-        return
     # Start here first: if a worker cannot start, the pool only reports that it died.
-    start(variant, threads)
-    arguments = (str(study.path), study.digest(), str(dataset), variant, threads)
+    start(f"{backend}_ad_mono", threads)
+    if jobs == 1:
+        yield from render_frames((frame_of(study, i) for i in frame_ids), dataset, backend)
+        return
+    arguments = (str(study.path), study.digest(), str(dataset), backend, threads)
     # One fresh interpreter per worker: Dr.Jit's threads do not survive a fork.
     with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
         try:
@@ -144,7 +143,7 @@ def render_study(
     jobs: int = 1,
     threads: int | None = None,
     frames: range | None = None,
-    variant: str = DEFAULT_VARIANT,
+    backend: str = DEFAULT_BACKEND,
     progress: Progress | None = None,
     check_progress: Progress | None = None,
 ) -> Dataset | None:
@@ -161,8 +160,9 @@ def render_study(
         Threads of each process. The bytes do not depend on jobs or threads.
     frames : range, optional
         Only these frame ids; the dataset is finished once no frame is missing.
-    variant : str
-        Mitsuba variant.
+    backend : str
+        `llvm`: the processor; `cuda`: an NVIDIA GPU; `auto`: the backend of the frames that exist, else `cuda` where a
+        GPU is usable, else `llvm`. The bytes depend on it.
     progress : callable, optional
         Called with (done, total) as frames are rendered.
     check_progress : callable, optional
@@ -178,7 +178,9 @@ def render_study(
     StudyError
         Before anything is rendered, if a frame is impossible.
     UsageError
-        If the folder holds something else.
+        If the folder holds something else, or frames of another backend.
+    BackendError
+        If the backend cannot start on this machine.
     DataError
         If a file cannot be written (finished frames are kept), or if finished frames were drawn differently.
     """
@@ -188,6 +190,8 @@ def render_study(
     wanted: list[int] = []
     ranges = group_ranges(study)
     images = {i for name, ids in ranges.items() if study.groups[name].mode == "images" for i in ids}
+    # Before the frames are placed, which may take long.
+    chosen = choose_backend(backend) if images else backend
     digests: dict[int, str] = {}
     count = sum(map(len, ranges.values()))
     for frame in frames_of(study):
@@ -199,18 +203,20 @@ def render_study(
             check_progress(len(digests), count)
     entries = prepare(study, dataset)
     check_resumable(dataset, entries, digests)
+    if entries:
+        chosen = choose_backend(backend_to_resume(dataset, entries, backend))
     missing = [i for i in wanted if i not in entries]
     if missing:
         reopen(dataset, entries)
     if progress:
         progress(len(wanted) - len(missing), len(wanted))
-    results = _rendered(study, dataset, missing, jobs, variant, threads)
+    results = _rendered(study, dataset, missing, jobs, chosen, threads)
     for done, (entry, seconds) in enumerate(results, start=len(wanted) - len(missing) + 1):
         record(dataset, entries, entry, seconds)
         if progress:
             progress(done, len(wanted))
     if images - set(entries):
         return None
-    made_by = environment(variant) if images else {"variant": None}
+    made_by = environment(chosen) if images else {"variant": None}
     finish_dataset(study, dataset, entries, made_by)
     return open_dataset(dataset)

@@ -31,6 +31,12 @@ class DataError(RoundelError):
     exit_code = 4
 
 
+class BackendError(RoundelError):
+    """The renderer cannot start; the message names the remedy."""
+
+    exit_code = 4
+
+
 class StudyError(RoundelError):
     """A study that cannot be read; the message starts with `path:line:column:`.
 
