@@ -1,7 +1,9 @@
 """Small studies for tests that render."""
 
+import hashlib
 from pathlib import Path
 
+from roundel.datasets.layout import files
 from roundel.scenes.study.study import Study, load_study
 
 SMALL = """\
@@ -30,3 +32,12 @@ def small_study(folder: Path, *edits: tuple[str, str], name: str = "study.yaml")
     path = folder / name
     path.write_text(text)
     return load_study(path)
+
+
+def digests(dataset: Path) -> dict[str, str]:
+    """sha256 of every file but timings.jsonl."""
+    return {
+        str(p.relative_to(dataset)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in sorted(dataset.rglob("*"))
+        if p.is_file() and p.name != files.TIMINGS
+    }

@@ -1,6 +1,5 @@
 """Datasets on disk: bytes do not depend on threads, order or interruptions; no finished frame is lost."""
 
-import hashlib
 import json
 import os
 import signal
@@ -10,22 +9,13 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers_studies import SMALL, small_study
+from helpers_studies import SMALL, digests, small_study
 
 from roundel.datasets.dataset import open_dataset
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.images import open_images
 from roundel.render.run import render_study
 from roundel.scenes.errors import DataError, UsageError
-
-
-def digests(dataset: Path) -> dict[str, str]:
-    """sha256 of every file but timings.jsonl."""
-    return {
-        str(p.relative_to(dataset)): hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in sorted(dataset.rglob("*"))
-        if p.is_file() and p.name != files.TIMINGS
-    }
 
 
 @pytest.fixture(scope="module")
