@@ -18,9 +18,11 @@ from roundel.scenes.surroundings.bodies import Body, Material, blocks
 from roundel.scenes.surroundings.gravity import UPRIGHT_DEG, footing_of, roll_deg
 from roundel.scenes.surroundings.places import surroundings_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
+from roundel.scenes.truth.truth import truth_of
 from roundel.scenes.world.frame import frames_of
 
 PLACES = WORLDS[1:]
+WORLDS_STUDY = Path(__file__).resolve().parents[3] / "configs" / "worlds.yaml"
 LIGHT = "light: {environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]}\n"
 
 
@@ -104,6 +106,26 @@ def test_a_world_changes_no_pose(tmp_path: Path, kind: str) -> None:
         assert frame_digest(a) != frame_digest(b)
         moved = dataclasses.replace(b.surroundings, bodies=b.surroundings.bodies[1:])
         assert frame_numbers(dataclasses.replace(b, surroundings=moved)) != frame_numbers(b)
+
+
+def truth_in(folder: Path, world: str) -> list[dict]:
+    """Truth of the shipped study `worlds` in one world; the group keeps its name, which is part of what it draws."""
+    text = WORLDS_STUDY.read_text(encoding="utf-8")
+    before, after = text.index("groups:"), text.index("solve:")
+    path = folder / f"{world}.yaml"
+    path.write_text(text[:before] + f"groups: {{main: {{world: {world}}}}}\n" + text[after:])
+    return [row for frame in frames_of(load_study(path)) for row in truth_of(frame)]
+
+
+def test_the_truth_is_that_of_the_plain_wall_in_every_world(tmp_path: Path) -> None:
+    plain = truth_in(tmp_path, "plain")
+    assert len(plain) == 8
+    for world in PLACES:
+        for expected, found in zip(plain, truth_in(tmp_path, world), strict=True):
+            assert found.keys() == expected.keys()
+            # Number for number, in every column: poses, conic, contour, vanishing line, the other pose, visibility.
+            for column, value in expected.items():
+                assert np.array_equal(found[column], value), column
 
 
 @pytest.mark.parametrize(
