@@ -130,7 +130,8 @@ def _lamp(mi: Any, lamp: Lamp, frame: Frame, share: float) -> Any:
 
 def _sky(mi: Any, section: SkySection) -> dict[str, Any]:
     if not in_colour(mi):
-        raise UsageError(f"light.sky: {mi.variant()} does not support colour; render with llvm_ad_rgb")
+        variant = mi.variant()
+        raise UsageError(f"light.sky: {variant} does not support colour; render with {variant.replace('mono', 'rgb')}")
     return {
         "type": "sunsky",
         # Mitsuba's sky has z up: x stays, its y is our forward, its z our -y. The sun is given in the world's frame.
