@@ -8,7 +8,9 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from helpers_light import write_map
 from helpers_studies import SMALL, digests, small_study
 
 from roundel.datasets.dataset import open_dataset
@@ -60,6 +62,15 @@ def test_another_order_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> N
         open_images(tmp_path / "ds")
     assert render_study(study, tmp_path / "ds", frames=range(2)) is not None
     assert digests(tmp_path / "ds") == digests(rendered / "ds")
+
+
+def test_one_thread_reads_a_map(tmp_path: Path) -> None:
+    # In a process of its own, which may be killed: with one thread, Mitsuba 3.9.1 waits forever for an EXR file.
+    write_map(tmp_path / "map.exr", np.ones((8, 16, 3)))
+    lamp = "environment: 0.7, lamps: [{position_m: [-0.3, -0.5, 0.0], size_m: 0.2, radiance: 6}]"
+    study = small_study(tmp_path, (lamp, "map: {file: map.exr}"))
+    command = [sys.executable, "-m", "roundel.cli.main", "render", str(study.path), str(tmp_path / "ds")]
+    subprocess.run([*command, "--threads", "1", "--frames", "0:1"], check=True, capture_output=True, timeout=120)
 
 
 def test_two_processes_give_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
