@@ -9,4 +9,6 @@ posts: What holds a sheet that is bent, or that stands beside the first: a board
 rooms: A closed room with a window and a lamp, or the sun outdoors
 sheet_place: The sheet as a world sees it: where it is, how large it is, and what of it must be seen
 supports: What holds the sheet: a table, a wall, a box or a stand, and the surface below it
+wall_things: What hangs on the wall beside a sheet: pictures and switches indoors; windows, pipes and plates
+    outdoors
 """

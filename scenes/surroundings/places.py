@@ -17,6 +17,7 @@ from roundel.scenes.surroundings.posts import can_footing, carrier_of, post_of
 from roundel.scenes.surroundings.rooms import room_of, sun_of
 from roundel.scenes.surroundings.sheet_place import SheetPlace
 from roundel.scenes.surroundings.supports import land_around, lowest_of, support_of, surface_at, top_of
+from roundel.scenes.surroundings.wall_things import on_wall
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,9 @@ def _placed(
     _check_seen([*supports, *shell, surface, *posts], sheets)
     for i, carrier in enumerate(carriers, start=len(sheets) - len(carriers)):
         _check_seen([carrier], [s for j, s in enumerate(sheets) if j != i])
+    if support == "wall":
+        # A generator of its own, so that the objects are those of a bare wall.
+        supports = [*supports, *on_wall(kind, sheets, up, level, rng.spawn(1)[0])]
     fixed = [*supports, *shell, *carriers, *posts]
     things = _objects(_MAKERS.get(kind, HOUSEHOLD), sheets, up, surface, fixed, objects, rng)
     if kind == "outdoor":

@@ -158,3 +158,22 @@ def test_what_a_world_does_not_take_is_refused(tmp_path: Path, keys: tuple[str, 
     (tmp_path / "study.yaml").write_text(study.replace(*keys) + "world: room\n")
     with pytest.raises(StudyError, match=sentence):
         load_study(tmp_path / "study.yaml")
+
+
+@settings(max_examples=30, deadline=None)
+@given(pose=poses, kind=st.sampled_from(["room", "outdoor"]), seed=st.integers(0, 2**32 - 1))
+def test_things_on_a_wall_hang_beside_the_sheet(pose, kind: str, seed: int) -> None:
+    sheet = sheet_at(*pose)
+    around = surroundings_of(kind, [sheet], 0, np.random.default_rng(seed))
+    if around.support != "wall":
+        return
+    inward = (sheet.corners - sheet.centre) @ np.stack([np.cross(around.up, sheet.normal), around.up]).T
+    flat = [b for b in around.bodies if b.half_m[2] < 0.06 and abs(b.camera_from_body[:3, 2] @ sheet.normal) > 0.999]
+    if pose[3] > 1.5:
+        assert flat  # from nearer, the wall in view may have no room for them
+    for body in flat:
+        local = body.camera_from_body[:3, :3].T @ (sheet.centre - body.camera_from_body[:3, 3])
+        # Rectangles of paper and thing do not overlap.
+        apart = np.abs(local[:2]) - body.half_m[:2] - np.ptp(inward, axis=0) / 2
+        assert apart.max() > 0
+        assert not blocks(body, np.zeros(3), sheet.seen + 1e-3 * sheet.normal).any()
