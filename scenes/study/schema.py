@@ -97,6 +97,9 @@ class GroupSection(Section):
     markers: MarkersSection = Field(
         default=MarkersSection(), description="further markers, each on a sheet of its own: a list, or a count"
     )
+    paired_with: str | None = Field(
+        default=None, description="an earlier group, whose drawn values and seeds the frames of this one share"
+    )
     sweep: SweepSection | None = Field(default=None, description="repeat the same frames at several values of one key")
 
     @cached_property

@@ -279,6 +279,34 @@ def _with_checksums(study: Study) -> Study:
     return replace(study, groups=groups)
 
 
+def _check_pair(study: Study, name: str, group: GroupSection) -> None:
+    """Check that a group draws what its partner draws: the same number has to mean the same."""
+    other = study.groups.get(group.paired_with or "")
+    if other is None or group.paired_with == name:
+        known = [known for known in study.groups if known != name]
+        raise study.error(
+            f"paired_with: no other group {group.paired_with!r}{_nearest(str(group.paired_with), known)}",
+            name,
+            "paired_with",
+        )
+    if other.paired_with is not None:
+        raise study.error(
+            f"paired_with: name {other.paired_with!r}, which {group.paired_with!r} has", name, "paired_with"
+        )
+    if group.spreads != other.spreads:
+        ours, theirs = ({".".join(map(str, key)): spread for key, spread in g.spreads} for g in (group, other))
+        differs = next((key for key in {**ours, **theirs} if ours.get(key) != theirs.get(key)), "their order")
+        raise study.error(
+            f"paired_with: group {group.paired_with!r} draws other values ({differs}); give both the same distributions",
+            name,
+            "paired_with",
+        )
+
+    grids = any(spread.kind == "grid" for _, spread in group.spreads)
+    if grids and (group.frames, group.frames_per_cell) != (other.frames, other.frames_per_cell):
+        raise study.error("paired_with: with grids both groups need the same number of frames", name, "paired_with")
+
+
 def _check_references(study: Study) -> None:
     def fail(message: str, *keys: str) -> StudyError:
         return StudyError(message, study.path, *_place(study.marks, None, keys))
@@ -286,6 +314,9 @@ def _check_references(study: Study) -> None:
     for name in study.solve.groups or []:
         if name not in study.groups:
             raise fail(f"solve.groups: no group {name!r}{_nearest(name, list(study.groups))}", "solve", "groups")
+    for name, group in study.groups.items():
+        if group.paired_with is not None:
+            _check_pair(study, name, group)
     source = study.solve.calibrate_from
     if source is not None:
         if source not in study.groups:

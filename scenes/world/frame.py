@@ -143,7 +143,7 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[Gr
             node = node[part]
         node[key[-1]] = value
 
-    numbers = draw(group, study.seed, name, index)
+    numbers = draw(group, study.seed, group.paired_with or name, index)
     for key, value in numbers.items():
         put(key, value)
     if group.sweep is not None and level is not None:
@@ -195,9 +195,10 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         return study.error(f"{message} (frame {index} of group {name})", name, *keys)
 
     camera = _camera(settings, fail)
+    drawn_as = group.paired_with or name
     # Values do not depend on the level of a sweep, so that paired frames differ only in the swept key.
     noise_seed, ray_seed, sheet_seed = (
-        int(stream(study.seed, name, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
+        int(stream(study.seed, drawn_as, purpose, index).generate_state(1)[0]) for purpose in (1, 2, 4)
     )
     try:
         sheet = sheet_of(settings.marker, sheet_seed)
@@ -220,7 +221,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         camera_from_sheet,
         noise_seed,
         ray_seed,
-        int(stream(study.seed, name, 3).generate_state(1)[0]),
+        int(stream(study.seed, drawn_as, 3).generate_state(1)[0]),
         sheet_seed,
         drawn,
         study.path.parent,
@@ -230,7 +231,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     if settings.markers.any:
         own = PlacedSheet(settings.marker, sheet, camera_from_sheet)
         others = further_sheets(
-            settings, group.pose, own, camera, lambda k: stream(study.seed, name, 6, index, k), fail
+            settings, group.pose, own, camera, lambda k: stream(study.seed, drawn_as, 6, index, k), fail
         )
         frame = replace(frame, others=others)
         for view in frame.views()[1:]:
@@ -238,7 +239,7 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
                 check_in_view(view, part, fail)
     if settings.world.kind != "plain" and settings.mode == "images":
         try:
-            frame = replace(frame, surroundings=_surroundings(frame, stream(study.seed, name, 5, index)))
+            frame = replace(frame, surroundings=_surroundings(frame, stream(study.seed, drawn_as, 5, index)))
         except ValueError as error:
             raise fail(f"world: {error}", "world") from error
     for check, key in ((_check_occluders, "occluders"), (_check_light, "light")):

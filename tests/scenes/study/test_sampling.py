@@ -4,8 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers_studies import small_study
 from scipy.stats import kstest
 
+from roundel.scenes.errors import StudyError
 from roundel.scenes.study.study import load_study
 from roundel.scenes.study.values import Spread, parse_value
 from roundel.scenes.world.frame import frame_of, frames_of, total_frames
@@ -69,3 +71,36 @@ def test_spreads_know_their_bounds() -> None:
     assert max(draws) <= 14.0
     assert spread.draw(0.5) == pytest.approx(10.0, abs=1e-12)
     assert Spread("choice", (1.0, 2.0)).draw(0.999999) == 2.0
+
+
+PAIRED = "groups:\n  a: {frames: 3}\n  b: {frames: 5, paired_with: a, sensor: {read_noise_e: 9}}\n"
+
+
+def test_paired_groups_draw_the_same(tmp_path: Path) -> None:
+    study = small_study(tmp_path, ("frames: 4\n", PAIRED))
+    frames = list(frames_of(study))
+    for one, other in zip(frames[:3], frames[3:6], strict=True):
+        np.testing.assert_array_equal(one.camera_from_sheet, other.camera_from_sheet)
+        assert (one.noise_seed, one.ray_seed) == (other.noise_seed, other.ray_seed)
+        assert one.drawn == other.drawn
+    assert frames[6].drawn != frames[5].drawn
+
+
+@pytest.mark.parametrize(
+    ("groups", "said"),
+    [
+        ("{a: {frames: 1}, b: {frames: 1, paired_with: c}}", r"paired_with: no other group 'c'"),
+        ("{a: {frames: 1, paired_with: a}}", r"paired_with: no other group 'a'"),
+        (
+            "{a: {frames: 1}, b: {frames: 1, paired_with: a}, c: {frames: 1, paired_with: b}}",
+            r"paired_with: name 'a', which 'b' has",
+        ),
+        (
+            "{a: {frames: 1}, b: {frames: 1, paired_with: a, pose: {roll_deg: {uniform: [0, 1]}}}}",
+            r"paired_with: group 'a' draws other values \(pose.roll_deg\)",
+        ),
+    ],
+)
+def test_pairs_that_cannot_be_are_refused(tmp_path: Path, groups: str, said: str) -> None:
+    with pytest.raises(StudyError, match=said):
+        small_study(tmp_path, ("frames: 4\n", f"groups: {groups}\n"))
