@@ -297,7 +297,7 @@ def _check_pair(study: Study, name: str, group: GroupSection) -> None:
         ours, theirs = ({".".join(map(str, key)): spread for key, spread in g.spreads} for g in (group, other))
         differs = next((key for key in {**ours, **theirs} if ours.get(key) != theirs.get(key)), "their order")
         raise study.error(
-            f"paired_with: group {group.paired_with!r} draws other values ({differs}); give both the same distributions",
+            f"paired_with: group {group.paired_with!r} draws other values ({differs}); give both the same",
             name,
             "paired_with",
         )
