@@ -52,7 +52,7 @@ def entry_of(
     frame : Frame
     developed : Developed
     planes : dict
-        At least `Y` and the coverage of each circle.
+        At least the coverage of each circle.
     fidelity : dict
         Fidelity of each circle, measured when the frame was rendered.
     listed : dict
@@ -71,7 +71,7 @@ def entry_of(
         "sensor": developed.record(),
         "flags": frame_flags(developed.flags, (row["visible_fraction"] for row in truth_of(frame))),
         "photometry": {
-            str(part.marker_id): developed.edge(planes["Y"], planes[coverage_channel(part.marker_id)])
+            str(part.marker_id): developed.edge(planes[coverage_channel(part.marker_id)])
             for view in frame.views()
             for part in view.sheet.parts
             if part.radius_m is not None

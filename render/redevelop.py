@@ -64,7 +64,7 @@ def _develop_frame(
     check_numbers(source, before, old)
     planes = _checked_radiance(source, old)
     developed = develop(frame, planes["Y"])
-    noise = developed.noise_dn(planes["Y"])
+    noise = developed.noise_dn()
     written = image_file(frame, developed)
     name = files.radiance_name(frame.frame_id)
     # Only the noise plane depends on the sensor; if it is equal, both datasets share the file.

@@ -62,7 +62,7 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, dataset: Path, 
     }
     written = image_file(frame, developed)
     if frame.settings.render.radiance:
-        noise = {"noise_dn": developed.noise_dn(radiance.mean)}
+        noise = {"noise_dn": developed.noise_dn()}
         written[files.radiance_name(frame.frame_id)] = encode_radiance(planes | noise)
     clock.append(time.perf_counter())
     listed = write_frame(dataset, written)

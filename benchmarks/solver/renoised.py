@@ -122,7 +122,7 @@ def levels_and_noise(frame: Frame, radiance: NDArray[Any], ellipse: Array, ring:
     radius = np.hypot((c * dx + s * dy) / ellipse[2], (c * dy - s * dx) / ellipse[3])
     sheet = developed.sheet
     mean = radiance * developed.exposure_e * sheet.gain_dn_per_e + sheet.black_level_dn
-    noise = developed.noise_dn(radiance)
+    noise = developed.noise_dn()
     # The plateaus of a blurred edge begin beyond the blur; a ring's hole ends at 0.375.
     inner = (radius > 0.63) & (radius < 0.74) if ring else radius < 0.35
     outer = (radius > 1.6) & (radius < 1.8)

@@ -11,7 +11,7 @@ compared with its own Monte-Carlo error: a t-test with Sidak's correction, and a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,9 @@ from scipy.ndimage import binary_dilation
 from scipy.optimize import nnls
 
 from roundel.datasets.fidelity.pixel_test import pixel_test
-from roundel.datasets.fidelity.prediction import Prediction, is_sharp, nodes_for, predict
+from roundel.datasets.fidelity.prediction import Prediction, common_window, is_sharp, predict, window_of
 from roundel.datasets.fidelity.selection import effect_of, is_sampled, obstacle
+from roundel.scenes.camera.model import camera_of_colour
 from roundel.scenes.study.sensor_section import filters_of
 from roundel.scenes.world.frame import Frame
 
@@ -117,35 +118,35 @@ def _colour_of(frame: Frame, rows: NDArray[np.int64], columns: NDArray[np.int64]
 
 
 def _predictions(frame: Frame, marker_id: int) -> list[Prediction]:
-    """One prediction for all pixels, or one per colour if diffraction depends on the colour."""
-    from dataclasses import replace
-
+    """One prediction for all pixels, or one per colour if diffraction or magnification depend on the colour."""
     part = next(p for p in frame.sheet.parts if p.marker_id == marker_id)
     camera = frame.camera
-    if frame.settings.sensor.mosaic == "none" or len(camera.wavelengths_m) != 3:
+    diffracts = len(camera.wavelengths_m) == 3
+    if frame.settings.sensor.mosaic == "none" or not (diffracts or camera.magnification):
         return [predict(frame, part)]
-    # The widest pattern determines the window that all of them need.
-    by_width = sorted(range(3), key=lambda i: -camera.wavelengths_m[i])
-    found: dict[int, Prediction] = {}
-    window = None
-    for i in by_width:
-        one = replace(frame, camera=replace(camera, wavelengths_m=(camera.wavelengths_m[i],)))
-        found[i] = predict(one, part, window, nodes_for(one))
-        window = (found[i].row0, found[i].col0, *found[i].coverage.shape)
-    return [found[i] for i in range(3)]
+    seen = []
+    for i in range(3):
+        own = camera_of_colour(camera, i)
+        seen.append(
+            replace(frame, camera=replace(own, wavelengths_m=own.wavelengths_m[i : i + 1]) if diffracts else own)
+        )
+    window = common_window([window_of(one, part) for one in seen])
+    return [predict(one, part, window) for one in seen]
 
 
-def _band_of(frame: Frame, seen: Prediction, radiance: Any, variance: Any) -> _Band | str:
+def _band_of(frame: Frame, predictions: list[Prediction], radiance: Any, variance: Any) -> _Band | str:
     """The pixels to compare; a reason if the image border cuts them off."""
+    seen = predictions[0]
     low = _ROUNDING if is_sharp(frame) else _EDGE
-    edge = (seen.coverage > low) & (seen.coverage < 1 - low)
+    edge = np.any([(p.coverage > low) & (p.coverage < 1 - low) for p in predictions], axis=0)
     wide = np.pad(edge, _BAND_PX)
     wide = binary_dilation(wide, structure=np.ones((3, 3), dtype=bool), iterations=_BAND_PX)
     window = np.zeros_like(wide)
     window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = True
     if not frame.on_wall:
         # What lies beyond the sheet's border is not predicted.
-        window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = seen.on_sheet > 1 - low
+        on_sheet = np.min([p.on_sheet for p in predictions], axis=0)
+        window[_BAND_PX:-_BAND_PX, _BAND_PX:-_BAND_PX] = on_sheet > 1 - low
     rows, columns = np.nonzero(wide & window)
     rows, columns = rows - _BAND_PX + seen.row0, columns - _BAND_PX + seen.col0
     height, width = frame.camera.height_px, frame.camera.width_px
@@ -217,7 +218,7 @@ def compare(
     frame: Frame, predictions: list[Prediction], radiance: NDArray[np.float32], variance: NDArray[np.float32]
 ) -> dict[str, Any]:
     """Result of `measure_circle`, from predictions (one, or one per colour)."""
-    found = _band_of(frame, predictions[0], radiance, variance)
+    found = _band_of(frame, predictions, radiance, variance)
     if isinstance(found, str):
         return {"reason": found}
     band = found

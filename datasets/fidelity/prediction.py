@@ -161,6 +161,18 @@ def _light_offsets(frame: Frame, circle: Outline, nodes: Nodes) -> Array:
     return np.asarray(px - px.mean(axis=0), dtype=np.float64)
 
 
+def window_of(frame: Frame, part: Part) -> Window:
+    """The window of pixels that a circle's edge can reach."""
+    return _view(frame, circle_of(frame, part)[0], nodes_for(frame)).window()
+
+
+def common_window(windows: list[Window]) -> Window:
+    """The smallest window that holds others."""
+    rows, columns, heights, widths = np.array(windows).T
+    row0, col0 = int(rows.min()), int(columns.min())
+    return row0, col0, int((rows + heights).max()) - row0, int((columns + widths).max()) - col0
+
+
 def predict(frame: Frame, part: Part, window: Window | None = None, nodes: Nodes | None = None) -> Prediction:
     """Predict the print around one circle.
 

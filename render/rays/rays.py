@@ -46,6 +46,7 @@ class Optics:
     airy_scale: Any
     wavelengths: Any
     mosaic: Any
+    shrinkage: Any
     vignetting: bool
     barrel: Any
     barrel_length: Any
@@ -74,6 +75,7 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
     )
     has_mosaic = frame.settings.sensor.mosaic != "none"
     in_colours = has_mosaic and len(camera.wavelengths_m) == 3
+    cell = filters_of(frame.settings.sensor.mosaic) if has_mosaic else ()
     scale = 1 / (2 * np.pi * effective_radius_m(camera)) if diffracts else 0.0
     # Pass only what is used: an unused table would still change the kernel.
     return Optics(
@@ -92,7 +94,10 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
         airy_x2=mi.Float(radius_table(_AIRY_ENTRIES + 1).astype(np.float32)) if diffracts else None,
         airy_scale=number(scale) if diffracts else None,
         wavelengths=mi.Float(np.array(camera.wavelengths_m, dtype=np.float32)) if diffracts else None,
-        mosaic=mi.UInt32(filters_of(frame.settings.sensor.mosaic)) if in_colours else None,
+        mosaic=mi.UInt32(cell) if in_colours else None,
+        shrinkage=mi.Float(1 / np.array(camera.magnification, dtype=np.float32)[list(cell)])
+        if camera.magnification
+        else None,
         vignetting=camera.natural_vignetting,
         barrel=number(camera.barrel_radius_m) if lens and barrel else None,
         barrel_length=number(camera.barrel_length_m) if lens and barrel else None,
@@ -108,7 +113,12 @@ def optics_of(dr: Any, mi: Any, frame: Frame) -> Optics:
 
 def colour_index(mi: Any, dr: Any, table: Any, column: Any, row: Any) -> Any:
     """Colour of each pixel's filter: 0 red, 1 green, 2 blue."""
-    return dr.gather(mi.UInt32, table, (row & 1) * 2 + (column & 1))
+    return dr.gather(mi.UInt32, table, _place_in_cell(column, row))
+
+
+def _place_in_cell(column: Any, row: Any) -> Any:
+    """Number of each pixel in its cell of a mosaic, row by row."""
+    return (row & 1) * 2 + (column & 1)
 
 
 def _airy_offset(dr: Any, mi: Any, optics: Optics, sampler: Any, column: Any, row: Any) -> tuple[Any, Any]:
@@ -193,6 +203,10 @@ def shoot(dr: Any, mi: Any, optics: Optics, column: Any, row: Any, sampler: Any)
     v = mi.Float(row) + (jitter.y - 0.5) * optics.side
     y = (v - optics.cy) / optics.fy
     x = (u - optics.cx - optics.skew * y) / optics.fx
+    if optics.shrinkage is not None:
+        # The lens magnifies what the pixel's filter passes; relative to green the pixel is so much nearer to the axis.
+        shrunk = dr.gather(mi.Float, optics.shrinkage, _place_in_cell(column, row))
+        x, y = x * shrunk, y * shrunk
     if optics.airy_x2 is not None:
         dx, dy = _airy_offset(dr, mi, optics, sampler, column, row)
         x, y = x + dx, y + dy

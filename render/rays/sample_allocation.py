@@ -1,7 +1,7 @@
 """Bands of pixels around the imaged edges of a frame, in closed form.
 
 Edges of the print, the border of the sheet and outlines of occluders, widened by defocus, soft print edges, the core of
-the Airy pattern, and the motion during the exposure.
+the Airy pattern, lateral chromatic aberration, and the motion during the exposure.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from roundel.scenes.camera.airy import REACH, spread_px
-from roundel.scenes.camera.model import Camera, project
+from roundel.scenes.camera.model import Camera, lateral_shift_px, project
 from roundel.scenes.camera.motion import pose_at
 from roundel.scenes.markers.outlines import edge_reach_m, outlines
 from roundel.scenes.markers.surfaces import lifted
@@ -114,7 +114,8 @@ def _band(frame: Frame, lines: list[Array]) -> NDArray[np.bool_]:
     blur = max(defocus_radius_px(camera, depth) for depth in depths)
     soft = edge_reach_m(frame.sheet) * camera.K[0, 0] / max(min(depths), 1e-3)
     rings = spread_px(camera)[1] * _AIRY_CORE / REACH
-    return _dilated(mask, int(np.ceil(frame.settings.render.band_px + blur + soft + rings + step / 2 - 1e-9)))
+    reach = frame.settings.render.band_px + blur + soft + rings + lateral_shift_px(camera) + step / 2
+    return _dilated(mask, int(np.ceil(reach - 1e-9)))
 
 
 def window_of(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from roundel.scenes.study.sensor_section import SensorSection
+from roundel.scenes.study.sensor_section import IspSection, SensorSection
 
 # Images that are developed further (a curve, colours) are read out with at least this many bits.
 _DEVELOPED_BITS = 12
@@ -32,6 +32,8 @@ class DataSheet:
         Electrons; `dark_e` is the mean dark signal of one exposure.
     prnu : float
         Standard deviation of the pixels' sensitivity, as a fraction.
+    isp : IspSection, optional
+        Processing after the curve; None if there is none.
     """
 
     bits: int
@@ -49,6 +51,7 @@ class DataSheet:
     deliver: str
     curve: str
     gamma: float
+    isp: IspSection | None = None
 
     @property
     def top_dn(self) -> int:
@@ -68,7 +71,7 @@ class DataSheet:
     @property
     def developed(self) -> bool:
         """Whether the delivered numbers are computed from the converter's rather than equal to them."""
-        return self.colour or self.curve != "linear"
+        return self.colour or self.curve != "linear" or self.isp is not None
 
     def record(self) -> dict[str, Any]:
         """Plain values for cameras.json."""
@@ -77,6 +80,9 @@ class DataSheet:
             del kept["gamma"]
         if self.mosaic == "none":
             del kept["deliver"]
+        del kept["isp"]
+        if self.isp is not None:
+            kept["isp"] = self.isp.model_dump(exclude={"preset"})
         return kept
 
 
@@ -84,7 +90,7 @@ def data_sheet(sensor: SensorSection, exposure_s: float) -> DataSheet:
     """The data sheet of a sensor section with all values drawn.
 
     A study gives `gain_dn_per_e` and `black_level_dn` for numbers of `bits`. If the converter has more bits than are
-    delivered, both scale with its range, so that a curve or colour changes neither exposure nor saturation.
+    delivered, both scale with its range, so that a curve, colour or processing changes neither exposure nor saturation.
 
     Parameters
     ----------
@@ -93,7 +99,8 @@ def data_sheet(sensor: SensorSection, exposure_s: float) -> DataSheet:
         Seconds during which dark current is collected.
     """
     colour = sensor.mosaic != "none" and sensor.deliver == "colour"
-    adc_bits = max(sensor.bits, _DEVELOPED_BITS) if colour or sensor.curve != "linear" else sensor.bits
+    developed = colour or sensor.curve != "linear" or sensor.isp.active
+    adc_bits = max(sensor.bits, _DEVELOPED_BITS) if developed else sensor.bits
     scale = (2**adc_bits - 1) / (2**sensor.bits - 1)
     black_dn = float(sensor.black_level_dn)
     gain = sensor.gain_dn_per_e
@@ -115,4 +122,5 @@ def data_sheet(sensor: SensorSection, exposure_s: float) -> DataSheet:
         deliver=sensor.deliver,
         curve=sensor.curve,
         gamma=float(sensor.gamma),
+        isp=sensor.isp if sensor.isp.active else None,
     )

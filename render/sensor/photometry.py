@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from roundel.render.sensor.curve import delivered_levels
 from roundel.render.sensor.data_sheet import DataSheet
 from roundel.render.sensor.demosaic import filters
+from roundel.render.sensor.isp import saturated
 
 Array = NDArray[np.float64]
 
@@ -98,8 +99,10 @@ def noise_dn(radiance: ArrayLike, exposure_e: float, sheet: DataSheet) -> Array:
     """Standard deviation (...), in the file's DN, of pixels of this radiance (...).
 
     Includes shot, dark and read noise, fixed pattern, quantisation, the reduction by clipping, and the slope of the
-    curve. For a colour image it is that of the mosaic's pixel, before white balance and interpolation. Compression is
-    not included. Rounding counts as independent noise, which holds above a third of a DN; below, it is the RMS error.
+    curve and of a processor's tone curve. For a colour image it is that of the mosaic's pixel, before white balance and
+    interpolation. A processor's denoising and sharpening are not included, as they add no information about an edge;
+    nor is compression. Rounding counts as independent noise, which holds above a third of a DN; below, it is the RMS
+    error.
     """
     photo = np.asarray(radiance, dtype=np.float64) * exposure_e
     flat = photo.ravel()
@@ -133,8 +136,8 @@ def edge_photometry(
     -------
     dict
         `edge_contrast_dn`: absolute difference of the mean levels within 4 px inside and outside the edge, for a colour
-        image the mean of its channels; `edge_noise_dn`: RMS of the noise at these two levels. None if a side is not in
-        the image.
+        image the mean of its channels; `edge_noise_dn`: RMS of the noise at these two levels. Both are those after the
+        tone curve and before denoising and sharpening (`noise_dn`). None if a side is not in the image.
     """
     from scipy.ndimage import binary_dilation
 
@@ -157,7 +160,11 @@ def edge_photometry(
         if not all(channel.any() for channel in channels):
             return nothing
         means = np.array([values[channel].mean() for channel in channels])
-        levels.append(float(expected_dn(means, exposure_e, sheet, balance).mean()))
+        expected = expected_dn(means, exposure_e, sheet, balance)
+        if sheet.colour and sheet.isp is not None:
+            top = (2**sheet.bits - 1) * 2.0**sheet.stored_shift
+            expected = saturated(expected / top, sheet.isp) * top
+        levels.append(float(expected.mean()))
         noises.append(float(np.sqrt(np.mean(noise_dn(means, exposure_e, sheet) ** 2))))
     return {
         "edge_contrast_dn": abs(levels[0] - levels[1]),

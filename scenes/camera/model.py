@@ -5,7 +5,7 @@ Camera frame: x right, y down, z forward. Pixels: the centre of the top-left pix
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -61,6 +61,9 @@ class Camera:
         Front opening of the lens barrel and its distance in front of the aperture; infinite radius for none.
     pixel_side : float
         Side of the square part of a pixel that collects light, in pixels (the square root of the fill factor).
+    magnification : tuple of float
+        Magnification of red, green and blue behind a mosaic, relative to K, about the principal point; empty for a lens
+        without lateral chromatic aberration.
     """
 
     width_px: int
@@ -78,6 +81,7 @@ class Camera:
     barrel_radius_m: float = float("inf")
     barrel_length_m: float = 0.0
     pixel_side: float = 1.0
+    magnification: tuple[float, ...] = field(default=())
 
 
 def principal_point_at_centre(width_px: int, height_px: int) -> tuple[float, float]:
@@ -97,6 +101,25 @@ def focal_at_focus_px(focal_mm: float, focus_distance_m: float, pixel_pitch_um: 
         raise ValueError(f"focus at {focus_distance_m} m is inside the focal length of {focal_mm} mm; increase it")
     image_distance_mm = focal_mm / (1.0 - focal_mm * 1e-3 / focus_distance_m)
     return image_distance_mm * 1e3 / pixel_pitch_um
+
+
+def camera_of_colour(camera: Camera, colour: int) -> Camera:
+    """The camera as the pixels of one filter (0 red, 1 green, 2 blue) see it: its image magnified, distortion and all.
+
+    A magnification about the principal point is one of the focal lengths and the skew.
+    """
+    if not camera.magnification:
+        return camera
+    k = camera.K.copy()
+    k[:2, :2] *= camera.magnification[colour]
+    return replace(camera, K=k, magnification=())
+
+
+def lateral_shift_px(camera: Camera) -> float:
+    """Largest distance in the image between an edge in green and in another colour, px."""
+    corners = [(u, v) for u in (0, camera.width_px - 1) for v in (0, camera.height_px - 1)]
+    farthest = np.linalg.norm(np.array(corners) - camera.K[:2, 2], axis=1).max()
+    return float(max((abs(m - 1) for m in camera.magnification), default=0.0) * farthest)
 
 
 def distorts(camera: Camera) -> bool:
@@ -279,7 +302,11 @@ def _folds(width_px: int, height_px: int, k: tuple[float, ...], model: str, dist
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """The camera as stored in `cameras.json` (without the aperture, which a solver does not need)."""
+    """The camera as stored in `cameras.json` (without the aperture, which a solver does not need).
+
+    K and distortion are those of green if a lens has lateral chromatic aberration.
+    """
+    aberration = {"lateral_ca": [camera.magnification[0], camera.magnification[2]]} if camera.magnification else {}
     return {
         "width_px": camera.width_px,
         "height_px": camera.height_px,
@@ -287,6 +314,7 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
         "distortion_model": camera.distortion_model if distorts(camera) or camera.distortion else "none",
         "distortion": [float(v) for v in camera.distortion],
         "exif": {} if camera.focal_35mm_mm is None else {"focal_35mm_mm": camera.focal_35mm_mm},
+        **aberration,
     }
 
 

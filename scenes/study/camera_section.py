@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from roundel.scenes.camera.model import lens_problem
 from roundel.scenes.study.section import Section
-from roundel.scenes.study.values import AnyValue, NonNegative, Positive, Turn
+from roundel.scenes.study.values import AnyValue, Fraction, Magnification, NonNegative, Positive, Turn
 
 
 class CameraSection(Section):
@@ -70,6 +70,19 @@ class CameraSection(Section):
     barrel_length_mm: NonNegative = Field(
         default=0.0, description="distance of that opening in front of the aperture, mm"
     )
+    lateral_ca: list[Magnification] = Field(
+        default=[],
+        max_length=2,
+        description="lateral chromatic aberration: magnification of red and of blue relative to green, such as "
+        "[1.0004, 0.9997]; needs sensor.mosaic, and the truth is that of green",
+    )
+    veiling_glare: Fraction = Field(
+        default=0.0, description="fraction of the frame's light that the lens spreads evenly over the image (ISO 9358)"
+    )
+    halo: Fraction = Field(
+        default=0.0, description="fraction of the light that the lens spreads around its source, a Gaussian of halo_px"
+    )
+    halo_px: Positive = Field(default=40.0, description="standard deviation of the halo, px")
     focal_35mm_mm: Positive | None = Field(
         default=None,
         description="35 mm equivalent focal length in the file's EXIF, mm; default: the true one, rounded to whole mm",
@@ -84,6 +97,14 @@ class CameraSection(Section):
         problem = lens_problem(self.distortion_model, (0.0,) * len(self.distortion))
         if problem:
             raise ValueError(problem)
+        if len(self.lateral_ca) == 1:
+            raise ValueError("lateral_ca takes two magnifications: red, blue")
+        if (
+            isinstance(self.veiling_glare, float)
+            and isinstance(self.halo, float)
+            and self.veiling_glare + self.halo > 1
+        ):
+            raise ValueError("veiling_glare and halo spread more light than there is; make them smaller")
         if self.f_number is not None and (self.aperture_mm is not None or self.focal_mm is None):
             raise ValueError("f_number needs focal_mm; with focal_px give aperture_mm")
         has_aperture = self.f_number is not None or self.aperture_mm is not None

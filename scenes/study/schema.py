@@ -17,7 +17,7 @@ from roundel.scenes.study.light_section import LightSection, OccluderSection
 from roundel.scenes.study.marker_section import CIRCULAR, Marker
 from roundel.scenes.study.pose_section import MarkersSection, PoseSection
 from roundel.scenes.study.section import Section
-from roundel.scenes.study.sensor_section import SensorSection
+from roundel.scenes.study.sensor_section import ISP_PRESETS, SensorSection
 from roundel.scenes.study.values import NonNegative, Positive, Spread
 from roundel.scenes.study.world_section import WORLDS, WorldSection
 
@@ -230,6 +230,10 @@ def json_schema() -> dict[str, Any]:
             {"$ref": "#/$defs/MarkersSection"},
         ],
         "description": "further markers, each on a sheet of its own: a list, or a count",
+    }
+    definitions["SensorSection"]["properties"]["isp"] = {
+        "anyOf": [{"enum": list(ISP_PRESETS)}, {"$ref": "#/$defs/IspSection"}],
+        "description": "processing of the developed image: a preset, or its keys",
     }
     properties["preset"] = {"enum": preset_names(), "description": "preset whose keys the study's own override"}
     overrides = {"type": "object", "properties": properties, "additionalProperties": False}

@@ -12,6 +12,7 @@ from typing import Any
 
 from roundel.scenes.errors import StudyError
 from roundel.scenes.study.schema import GroupSection
+from roundel.scenes.study.section import Section
 from roundel.scenes.study.sensor_section import SensorSection
 from roundel.scenes.study.study import Study, validated
 from roundel.scenes.study.values import Spread
@@ -76,6 +77,11 @@ def _null_of(merged: dict[str, Any]) -> str:
     return next(f"`{key}: null` to expose for the sheet's white" for key in _EXPOSURES if key in merged)
 
 
+def _has_grid(value: Any) -> bool:
+    values = [getattr(value, name) for name in type(value).model_fields] if isinstance(value, Section) else [value]
+    return any(isinstance(v, Spread) and v.kind == "grid" for v in values)
+
+
 def _check(
     path: Path, marks: Marks, raw: dict[str, Any], name: str, group: GroupSection, sensor: SensorSection
 ) -> None:
@@ -90,7 +96,7 @@ def _check(
             )
     for key in raw:
         old, new = getattr(group.sensor, key), getattr(sensor, key)
-        if old != new and any(isinstance(value, Spread) and value.kind == "grid" for value in (old, new)):
+        if old != new and (_has_grid(old) or _has_grid(new)):
             raise _error(
                 path,
                 marks,

@@ -251,6 +251,7 @@ def load_study(path: str | Path) -> Study:
         groups[name] = validated(GroupSection, merged, path, marks, name)
     study = Study(path, head.name, head.seed, head.licence, groups, head.solve, head.validate_, marks)
     _check_references(study)
+    _check_colours(study)
     return _with_checksums(study)
 
 
@@ -305,6 +306,13 @@ def _check_pair(study: Study, name: str, group: GroupSection) -> None:
     grids = any(spread.kind == "grid" for _, spread in group.spreads)
     if grids and (group.frames, group.frames_per_cell) != (other.frames, other.frames_per_cell):
         raise study.error("paired_with: with grids both groups need the same number of frames", name, "paired_with")
+
+
+def _check_colours(study: Study) -> None:
+    for name, group in study.groups.items():
+        if group.camera.lateral_ca and group.sensor.mosaic == "none":
+            message = "camera.lateral_ca: only colours are magnified differently; add sensor.mosaic, or leave it out"
+            raise study.error(message, name, "camera", "lateral_ca")
 
 
 def _check_references(study: Study) -> None:

@@ -148,6 +148,8 @@ NonNegative = _value_type(_bounded(0.0, math.inf, False, "it must not be negativ
 Fraction = _value_type(_bounded(0.0, 1.0, False, "it must be between 0 and 1"))
 Tilt = _value_type(_bounded(0.0, 85.0, False, "a tilt must be between 0 and 85 degrees"))
 Turn = _value_type(_bounded(-360.0, 360.0, False, "an angle must be between -360 and 360 degrees"))
+Contrast = _value_type(_bounded(-1.0, 1.0, False, "a contrast must be between -1 and 1"))
+Magnification = _value_type(_bounded(0.98, 1.02, False, "a relative magnification must be between 0.98 and 1.02"))
 Quality = _value_type(_bounded(1.0, 100.0, False, "a JPEG quality must be between 1 and 100"))
 # Below this, the sky model's colours are outside the RGB gamut.
 Elevation = _value_type(_bounded(5.0, 90.0, False, "an elevation must be between 5 and 90 degrees"))

@@ -49,6 +49,7 @@ def camera_of(section: CameraSection, fill_factor: float = 1.0) -> Camera:
         barrel_radius_m=float("inf") if section.barrel_mm is None else section.barrel_mm * 1e-3 / 2,
         barrel_length_m=section.barrel_length_mm * 1e-3,
         pixel_side=float(np.sqrt(fill_factor)),
+        magnification=(section.lateral_ca[0], 1.0, section.lateral_ca[1]) if section.lateral_ca else (),
     )
 
 

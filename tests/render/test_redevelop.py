@@ -87,6 +87,44 @@ def test_it_is_what_rendering_with_that_sensor_would_have_made(rendered: Path, t
     assert again.manifest["files"] == open_dataset(rendered).manifest["files"]
 
 
+def test_processing_and_glare_are_developed_too(tmp_path: Path) -> None:
+    lens = ("focal_px: 320", "focal_px: 320, veiling_glare: 0.04, halo: 0.05, halo_px: 10")
+    plain = small_study(tmp_path, lens, ("frames: 4", "frames: 1"))
+    base = render_study(plain, tmp_path / "base")
+    text = "{curve: srgb, isp: phone, jpeg_quality: 90}"
+    direct = render_study(small_study(tmp_path, lens, ("frames: 4", f"frames: 1\nsensor: {text}")), tmp_path / "direct")
+    developed = develop_dataset(tmp_path / "base", tmp_path / "out", sensor_file(tmp_path, text))
+    assert base is not None
+    assert direct is not None
+    assert developed.manifest["files"] == direct.manifest["files"]
+    assert developed.images.records[0]["sensor"]["isp"]["sharpen_amount"] > 0
+    # The radiance on disk is the scene's, so that its fidelity is measured without the glare.
+    without = render_study(small_study(tmp_path, ("frames: 4", "frames: 1")), tmp_path / "without")
+    assert without is not None
+    np.testing.assert_array_equal(
+        read_radiance(tmp_path / "base" / files.radiance_name(0))["Y"],
+        read_radiance(tmp_path / "without" / files.radiance_name(0))["Y"],
+    )
+    assert without.images.image(0).min() < base.images.image(0).min()
+    back = develop_dataset(
+        tmp_path / "out", tmp_path / "back", sensor_file(tmp_path, "{curve: linear, isp: none, jpeg_quality: null}")
+    )
+    assert back.manifest["files"] == base.manifest["files"]
+
+
+def test_what_a_processor_does_is_not_undone(rendered: Path, tmp_path: Path) -> None:
+    # As with photographs: the curve is known, what the camera did besides is not.
+    keys = "read_noise_e: 0\nshot_noise: false\ncurve: srgb\n"
+    bare = develop_dataset(rendered, tmp_path / "bare", sensor_file(tmp_path, keys)).images
+    toned = develop_dataset(rendered, tmp_path / "toned", sensor_file(tmp_path, keys + "isp: {contrast: 0.5}")).images
+    from roundel.scenes.camera.srgb import srgb_to_linear
+
+    np.testing.assert_allclose(toned.linear_image(0)[0], 255 * srgb_to_linear(toned.image(0) / 255), rtol=1e-12)
+    assert toned.records[0]["sensor"]["curve"] == "srgb"
+    assert toned.records[0]["sensor"]["isp"]["contrast"] == 0.5
+    assert "isp" not in bare.records[0]["sensor"]
+
+
 def test_a_curve_is_undone_for_the_solver(rendered: Path, tmp_path: Path) -> None:
     quiet = "read_noise_e: 0\nshot_noise: false\nbits: 16\n"
     linear = develop_dataset(rendered, tmp_path / "linear", sensor_file(tmp_path, quiet)).images
@@ -133,6 +171,8 @@ def test_without_hard_links_radiance_is_copied(rendered: Path, tmp_path: Path, m
         ("\nmosaic: rggb", 2, 1, "mosaic: determines which rays are traced"),
         ("fill_factor: 0.5", 1, 1, "fill_factor: determines which rays are traced"),
         ("prnu: {grid: [0, 0.1]}", 1, 1, "a grid determines the number of frames"),
+        ("isp: {contrast: {grid: [0, 0.1]}}", 1, 1, "a grid determines the number of frames"),
+        ("bits: 8\nisp: fone", 2, 1, "'none' or 'phone', not 'fone'"),
         ("exposure_e: 3\nexposure_ph: 3", 1, 1, "not both"),
         ("white_level: 0.5", 1, 1, "fixed exposure; add `exposure_ph: null`"),
         ("nonsense: null", 1, 1, "unknown key"),

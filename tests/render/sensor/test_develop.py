@@ -248,7 +248,7 @@ def test_the_recorded_noise_follows_from_the_data_sheet(tmp_path: Path) -> None:
         )
         + 1 / 12
     )
-    noise = developed.noise_dn(radiance)
+    noise = developed.noise_dn()
     assert noise.dtype == np.float32
     np.testing.assert_allclose(noise, np.sqrt(variance_dn2) * 2.0 ** record["stored_shift"], rtol=1e-5)
     # Half of the frame at one level: 9,600 pixels, the standard deviation to 0.7 %; four of them.
