@@ -99,7 +99,7 @@ def _shot_slope(dataset: Dataset, targets: Targets) -> Array:
     of_frame = {}
     for frame_id, record in zip(dataset.images.frame_ids, dataset.images.records, strict=True):
         sensor: dict[str, Any] = record.get("sensor") or {}
-        plain = sensor.get("shot_noise") and sensor.get("curve") == "linear"
+        plain = sensor.get("shot_noise") and sensor.get("curve") == "linear" and "isp" not in sensor
         of_frame[frame_id] = float(sensor.get("gain_dn_per_e", 0.0)) if plain else 0.0
     return np.array([of_frame.get(frame_id, 0.0) for frame_id in targets.frame_id.tolist()])
 
