@@ -76,8 +76,8 @@ TRUTH_COLUMNS = (
     TruthColumns(
         ("edge_contrast_dn",), _F, "dn of the file",
         "absolute difference of the mean levels within 4 px inside and outside the edge, of colours the mean of their "
-        "channels; through the tone curve of `sensor.isp`, before its denoising and sharpening; null in points mode, or "
-        "where a side is not in the image", boards=False,
+        "channels; through the tone curve of `sensor.isp`, before its denoising and sharpening; null in points mode, "
+        "or where a side is not in the image", boards=False,
     ),
     TruthColumns(
         ("edge_noise_dn",), _F, "dn of the file",

@@ -21,19 +21,23 @@ PICTURE: Edits = (
     ("frames: 4", f"frames: {FRAMES}"),
 )
 
-# More of what must be predicted: a bladed aperture, a mosaic whose colours are diffracted each its own way, pixels with
-# gaps, light that falls off, other edges within the blur.
+# More of what must be predicted: a bladed aperture, a mosaic whose colours are diffracted or magnified each its own
+# way, pixels with gaps, light that falls off, other edges within the blur.
 BLADED = (CAMERA, CAMERA + ", aperture_mm: 20, focus_m: 0.45, blades: 5, blade_turn_deg: 20")
 COLOURED = (
     (CAMERA, CAMERA + ", aperture_mm: 0.1, focus_m: 0.64, diffraction: true, wavelengths_nm: [650, 550, 450]"),
     ("light:", "sensor: {mosaic: rggb, fill_factor: 0.5}\nlight:"),
     ("radiance: 6}]}", "radiance: 6, colour: [1.0, 0.6, 0.3]}]}"),
 )
+ABERRATED = (
+    (CAMERA, CAMERA + ", distortion: [-0.15, 0.02, 0, 0], lateral_ca: [1.004, 0.996]"),
+    ("light:", "sensor: {mosaic: grbg}\nlight:"),
+)
 NEAR = (
     *EFFECTS["defocus"],
     ("{kind: disc, diameter_m: 0.08}", "{kind: ring, diameter_m: 0.08, inner_diameter_m: 0.06, margin_m: 0.005}"),
 )
-CASES = {**EFFECTS, "blades": (BLADED,), "colours": COLOURED, "ring_near_the_wall": NEAR}
+CASES = {**EFFECTS, "blades": (BLADED,), "colours": COLOURED, "aberration": ABERRATED, "ring_near_the_wall": NEAR}
 
 
 @pytest.mark.parametrize("name", CASES)
