@@ -93,7 +93,7 @@ def main() -> None:
                 tile = tile.crop((x, y, x + int(crop[0]), y + int(crop[1]))).resize(side, Image.Resampling.NEAREST)
             else:
                 tile = tile.resize(side, Image.Resampling.LANCZOS)
-            draw.text((left, top), title, font=font, fill=(20, 20, 20))
+            draw.text((left, top - 3), title, font=font, fill=(20, 20, 20))
             sheet.paste(tile, (left, top + NAME - GAP))
     sheet.save(HERE / "processing.jpg", quality=92, subsampling=0, optimize=True)
 
