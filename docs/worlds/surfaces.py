@@ -61,7 +61,7 @@ def curvature_table(found: dict[str, list[tuple[float, float, int, int]]]) -> st
         at = doubling_m(found[method])
         said.append(
             f"With `{method}` the error is twice that on flat paper at a radius of {at:.2g} m, "
-            f"{at / DIAMETER_M:.2g} diameters."
+            f"{at / DIAMETER_M:.3g} diameters."
             if np.isfinite(at)
             else f"With `{method}` it does not double within these radii."
         )
