@@ -125,7 +125,7 @@ class GroupSection(Section):
     def _world_has_its_own(self) -> GroupSection:
         if self.world.kind != "plain":
             if self.light != LightSection():
-                raise ValueError(f"light: world {self.world.kind} has its own lights; leave out light, or world")
+                raise ValueError(f"light: world {self.world.kind} has its own lights; leave out light, or set world: plain")
             if getattr(self.marker, "clutter", None) is not None:
                 raise ValueError(f"marker.clutter: world {self.world.kind} has no bare wall; use world.objects")
             if self.motion.marker != MotionSection().marker:

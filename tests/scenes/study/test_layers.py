@@ -61,8 +61,9 @@ def test_a_studys_own_keys_lie_over_the_preset(tmp_path: Path) -> None:
     assert groups["a"].pose.distance_m == groups["b"].pose.distance_m == 0.7
     assert groups["a"].pose.distance_D is None
     assert groups["a"].marker.paper == 0.5
-    assert groups["a"].sensor.mosaic == "none"
-    assert groups["b"].sensor.mosaic == preset("phone")["sensor"]["mosaic"] == "rggb"
+    assert groups["a"].world.kind == "room"
+    assert groups["a"].sensor.jpeg_quality is None
+    assert groups["b"].world.kind == preset("phone")["world"] == "tabletop"
     assert groups["b"].sensor.jpeg_quality == 50
 
 

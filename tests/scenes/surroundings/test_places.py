@@ -148,7 +148,7 @@ def test_a_wrong_world_is_one_line(tmp_path: Path, world: str, sentence: str) ->
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        (("", ""), "world room has its own lights; leave out light, or world"),
+        (("", ""), "world room has its own lights; leave out light, or set world: plain"),
         (("0.08}", "0.08, clutter: {cell_m: 0.1, contrast: 0.2}}"), "has no bare wall"),
         (("frames: 4", "motion: {marker: {velocity_m_s: [0.1, 0, 0]}}\nframes: 4"), "the sheet is at rest"),
     ],
