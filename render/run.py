@@ -22,6 +22,7 @@ from roundel.datasets.numbers import check_resumable
 from roundel.datasets.resume import backend_to_resume, prepare, record, reopen
 from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start, variant_of
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
+from roundel.render.own_files import check_files
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.study.identity import frame_digest
@@ -199,6 +200,7 @@ def render_study(
         digests[frame.frame_id] = frame_digest(frame)
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)
+            check_files(study, frame, variant)
         if check_progress:
             check_progress(len(digests), count)
     entries = prepare(study, dataset)

@@ -3,7 +3,7 @@
 bodies: Bodies, panels and the sheet of a world as Mitsuba shapes
 ink: The ink plugin: a Mitsuba texture that evaluates a sheet's shapes analytically, ray by ray
 ink_shapes: Coverage of ink, grain and clutter, traced by Dr.Jit in float32
-light_map: Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once
+light_map: Environment maps: an OpenEXR or Radiance HDR file to a Mitsuba emitter, decoded once
 lights: Lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps
 materials: Materials for Mitsuba: the print under its gloss, and the occluders
 meshes: Bodies as triangles, with normals and texture coordinates at real scale

@@ -1,4 +1,4 @@
-"""Environment maps: an OpenEXR file to a Mitsuba emitter, decoded once."""
+"""Environment maps: an OpenEXR or Radiance HDR file to a Mitsuba emitter, decoded once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.errors import DataError
 from roundel.scenes.world.frame import Frame
-from roundel.scenes.world.lamps import LUMINANCE
+from roundel.scenes.world.lamps import LUMINANCE, camera_from_level
 
 
 def map_emitter(mi: Any, frame: Frame) -> Any:
@@ -31,7 +31,7 @@ def map_emitter(mi: Any, frame: Frame) -> Any:
     assert section is not None
     assert section.sha256 is not None  # the study fills it in when it is read
     emitter = _emitter(mi.variant(), str(frame.folder / section.file), section.sha256)
-    turned = mi.ScalarTransform4f().rotate([0, 1, 0], section.turn_deg)
+    turned = mi.ScalarTransform4f(camera_from_level(frame)) @ mi.ScalarTransform4f().rotate([0, 1, 0], section.turn_deg)
     parameters = mi.traverse(emitter)
     placed = mi.AffineTransform4f(turned @ mi.ScalarTransform4f().rotate([0, 0, 1], 180))
     # Opaque to the tracer, so that frames share one kernel.

@@ -12,10 +12,12 @@ from roundel.scenes.errors import UsageError
 from roundel.scenes.study.light_section import AreaLampSection, Lamp, PointLampSection, SkySection
 from roundel.scenes.surroundings.bodies import Surroundings, frame_on, pose_from_axes
 from roundel.scenes.world.frame import Frame
-from roundel.scenes.world.lamps import camera_from_lamp, irradiance_of, luminance_of
+from roundel.scenes.world.lamps import camera_from_lamp, camera_from_level, irradiance_of, luminance_of
 
 # Minimum fraction of the brightest lamp's rays: far from the centre a weak lamp may be the strongest.
 _LEAST_SHARE = 0.1
+# Mitsuba's sky has z up: x stays, its y is our forward, its z our -y.
+_Z_UP = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
 
 
 def needs_colour(frame: Frame) -> bool:
@@ -64,7 +66,7 @@ def emitters(mi: Any, frame: Frame) -> dict[str, Any]:
     light = frame.settings.light
     found = {f"lamp_{i}": _lamp(mi, lamp, frame, _share(frame, i)) for i, lamp in enumerate(light.lamps)}
     if light.sky is not None:
-        found["environment"] = _sky(mi, light.sky)
+        found["environment"] = _sky(mi, light.sky, camera_from_level(frame))
     elif light.map is not None:
         found["environment"] = map_emitter(mi, frame)
     else:
@@ -128,15 +130,15 @@ def _lamp(mi: Any, lamp: Lamp, frame: Frame, share: float) -> Any:
     }
 
 
-def _sky(mi: Any, section: SkySection) -> dict[str, Any]:
+def _sky(mi: Any, section: SkySection, placed: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:
     if not in_colour(mi):
         variant = mi.variant()
         raise UsageError(f"light.sky: {variant} does not support colour; render with {variant.replace('mono', 'rgb')}")
     return {
         "type": "sunsky",
-        # Mitsuba's sky has z up: x stays, its y is our forward, its z our -y. The sun is given in the world's frame.
-        "to_world": mi.ScalarTransform4f(np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])),
-        "sun_direction": sun_direction(section).tolist(),
+        # The sun is given in the world's frame.
+        "to_world": mi.ScalarTransform4f(placed @ _Z_UP),
+        "sun_direction": (placed[:3, :3] @ sun_direction(section)).tolist(),
         "turbidity": section.turbidity,
         "sun_scale": section.sun,
         "sky_scale": 1.0 if section.scale > 0 else 0.0,

@@ -46,7 +46,8 @@ def radiance_along(
             found, light = emitter.sample_direction(hit, sampler.next_2d(), landed)
             lit = landed & (found.pdf > 0) & ~scene.ray_test(hit.spawn_ray_to(found.p), landed & (found.pdf > 0))
             reflected, pdf = bsdf.eval_pdf(context, hit, hit.to_local(found.d), lit)
-            weight = _balance(mi, looks * found.pdf, pdf)
+            # A ray in a drawn direction never meets a point.
+            weight = _keep(found.delta, _balance(mi, looks * found.pdf, pdf))
             radiance += _where(lit, reflected * light * (weight / looks))
     drawn, share = bsdf.sample(context, hit, sampler.next_1d(), sampler.next_2d(), landed)
     further = hit.spawn_ray(hit.to_world(drawn.wo))

@@ -11,14 +11,27 @@ from typing import Any
 
 import numpy as np
 
+from roundel.render.assets.meshes import mesh_shapes
+from roundel.render.assets.picture import wall_shape
+from roundel.render.assets.xml_scene import xml_shapes
 from roundel.render.scene.bodies import WITNESSES, panel_shape, shape_of
 from roundel.render.scene.lights import emitters, unit_of, world_sky
 from roundel.render.scene.materials import occluders
 from roundel.render.scene.paths import radiance_along
-from roundel.render.scene.sheets import BuiltSheet, built_sheet, painted, paper_body, wall_around, wall_behind
+from roundel.render.scene.sheets import (
+    WALL_DISTANCES,
+    BuiltSheet,
+    built_sheet,
+    painted,
+    paper_body,
+    wall_around,
+    wall_behind,
+)
 from roundel.scenes.surroundings.bodies import Body, Surroundings
 from roundel.scenes.world.frame import Frame
 
+# With more emitters than this, one is chosen for each look instead of all in turn.
+_MOST_LOOKED_FOR = 9
 # Reflections between light and camera in a world, if the study does not ask for more.
 WORLD_BOUNCES = 4
 # One small body of each material is in every world, far under its ground: the kernel then is the same in all of them.
@@ -81,18 +94,35 @@ def _world(mi: Any, frame: Frame, around: Surroundings) -> Built:
     things: dict[str, Any] = {}
     for i, body in enumerate(around.bodies):
         things[f"body_{i}"] = shape_of(mi, f"body_{i}", body)
-    for i, made in enumerate(WITNESSES):
+    # A user's scene has materials of its own.
+    for i, made in enumerate(WITNESSES if around.bodies else ()):
         place = np.eye(4)
         place[:3, 3] = frame.camera_from_sheet[:3, 3] - _OUT_OF_SIGHT_M * around.up
         things[f"witness_{i}"] = shape_of(mi, f"witness_{i}", Body("box", place, np.full(3, 1e-3), made))
     for i, panel in enumerate(around.panels):
         things[f"panel_{i}"] = panel_shape(mi, panel)
-    things |= world_sky(mi, around)
+    things |= world_sky(mi, around) | _own(mi, frame, around)
     scene = mi.load_dict({"type": "scene", **shapes, **things, **occluders(mi, frame)})
     # The first reflection is `radiance_along`'s own.
     depth = max(frame.settings.render.bounces, WORLD_BOUNCES)
+    lights = tuple(scene.emitters())
+    many = len(lights) > _MOST_LOOKED_FOR
+    depth += many
     integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, 1.0), tuple(scene.emitters()))
+    unit = unit_of(frame) if around.is_lit_by_the_study else 1.0
+    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, unit), () if many else lights)
+
+
+def _own(mi: Any, frame: Frame, around: Surroundings) -> dict[str, Any]:
+    """The user's own scene or picture, with the study's lights where it has none."""
+    found: dict[str, Any] = {}
+    if around.scene is not None:
+        shapes = xml_shapes if frame.settings.world.is_xml else mesh_shapes
+        found |= shapes(mi, frame.folder, around.scene)
+    if around.picture is not None:
+        half = WALL_DISTANCES * float(np.linalg.norm(around.picture.camera_from_picture[:3, 3]))
+        found["wall"] = wall_shape(mi, frame.folder, around.picture, half)
+    return found | (emitters(mi, frame) if around.is_lit_by_the_study else {})
 
 
 def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:

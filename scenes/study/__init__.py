@@ -3,8 +3,8 @@
 camera_section: Keys of the camera and its motion: lens, shutter, twists
 identity: Identity of studies and frames as checksums
 layers: Layers of a study: a preset, then shared keys, then a group's own keys
-light_map: Check an environment-map file: it exists, is OpenEXR within the size limit, and matches its recorded
-    checksum
+light_map: Check an environment-map file: it exists, is OpenEXR or Radiance HDR within the size limit, and matches
+    its recorded checksum
 light_section: Keys of lights and occluders
 marker_section: Keys of a marker: the print, its paper, and the wall behind it
 pose_section: Keys of poses: of the marker, and of further markers beside it
@@ -16,6 +16,7 @@ sensor_section: Keys of a sensor, in the terms of EMVA 1288 (release 4.0, linear
     file
 study: A study: what is rendered, solved and validated, read from YAML into checked sections
 values: Values of a study: a number, or a distribution that each frame draws from
-world_section: Keys of the world around the sheet
+world_files: Files that a world names: checked when the study is read, and recorded by their checksums
+world_section: Keys of the world around the sheet: a place of ours, or the user's own scene or pictures
 yaml_reader: YAML 1.2 scalars with the line and column of every value
 """

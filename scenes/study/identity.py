@@ -89,7 +89,13 @@ def _placed(around: Surroundings) -> list[Any]:
 
     bodies = [[b.shape, b.material.kind, *place(b.camera_from_body)] for b in around.bodies]
     panels = [place(p.camera_from_panel) for p in around.panels]
-    return [around.support, bodies, panels]
+    found: list[Any] = [around.support, bodies, panels]
+    if around.scene is not None:
+        found += [around.scene.digest, around.scene.unit_m, place(around.scene.camera_from_scene)]
+    if around.picture is not None:
+        hung = around.picture
+        found += [hung.digest, hung.index, round(hung.width_m, 6), place(hung.camera_from_picture)]
+    return found
 
 
 def frame_digest(frame: Frame) -> str:

@@ -24,10 +24,15 @@ def deep_merge(below: Any, own: Any) -> Any:
     """Merge `own` over `below` key by key; a distribution, a list or a section of another kind replaces."""
     if not (isinstance(below, dict) and isinstance(own, dict)) or is_spread(below) or is_spread(own):
         return own
-    if "kind" in own and "kind" in below and own["kind"] != below["kind"]:
+    if None not in (_kind(own), _kind(below)) and _kind(own) != _kind(below):
         return own
     kept = {k: v for k, v in below.items() if not any(k in pair and (pair - {k}) & set(own) for pair in _EITHER)}
     return {**kept, **{k: deep_merge(kept[k], v) if k in kept else v for k, v in own.items()}}
+
+
+def _kind(section: dict[str, Any]) -> Any:
+    """The kind of a section; a world that names a scene needs no other."""
+    return section.get("kind", "scene" if "scene" in section else None)
 
 
 @lru_cache(maxsize=1)

@@ -1,18 +1,24 @@
-"""Check an environment-map file: it exists, is OpenEXR within the size limit, and matches its recorded checksum.
+"""Check an environment-map file: it exists, is OpenEXR or Radiance HDR within the size limit, and matches its recorded
+checksum.
 
-Only the header is read here (OpenEXR, "File Layout": magic number, version, then attributes of name, type, size and
-value, ended by a zero byte); the renderer decodes the pixels.
+Only the header is read here; the renderer decodes the pixels. OpenEXR, "File Layout": magic number, version, then
+attributes of name, type, size and value, ended by a zero byte. Radiance (Ward, "Real Pixels", 1991): lines of text, an
+empty one, and the size of the picture.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 import struct
 from pathlib import Path
 
+from roundel.scenes.assets.files import inside
 from roundel.scenes.study.light_section import MapSection
 
 _MAGIC = b"\x76\x2f\x31\x01"
+# Rows from top to bottom, as all writers have them; others are flipped or turned.
+_RADIANCE_SIZE = re.compile(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n")
 _MAX_HEADER_BYTES = 1_000_000
 
 MAX_WIDTH_PX = 16_384
@@ -35,9 +41,7 @@ def map_sha256(folder: Path, section: MapSection) -> str:
     ValueError
         If the file is missing, not a map, too large, or does not match the recorded checksum.
     """
-    if Path(section.file).is_absolute():
-        raise ValueError(f"{section.file} is an absolute path; give it relative to the study")
-    path = folder / section.file
+    path = inside(folder, section.file)
     if not path.is_file():
         if section.sha256 is not None:
             return section.sha256
@@ -61,9 +65,14 @@ def map_sha256(folder: Path, section: MapSection) -> str:
 
 
 def _size_and_channels(name: str, header: bytes) -> tuple[int, int, int]:
-    """Width, height and number of channels of an EXR file from its first bytes."""
+    """Width, height and number of channels of an EXR or HDR file from its first bytes."""
+    if header.startswith(b"#?"):
+        size = _RADIANCE_SIZE.search(header)
+        if size is None or b"FORMAT=32-bit_rle_rgbe" not in header[: size.start()]:
+            raise ValueError(f"{name}: its header is not that of a Radiance HDR picture (RGBE, -Y +X); save it again")
+        return int(size[2]), int(size[1]), 3
     if not header.startswith(_MAGIC):
-        raise ValueError(f"{name}: is not an OpenEXR file")
+        raise ValueError(f"{name}: is not an OpenEXR or Radiance HDR file")
     found: dict[str, bytes] = {}
     at = 8  # past the version
     try:

@@ -78,9 +78,14 @@ LAMPS: dict[str, type[Section]] = {"area": AreaLampSection, "point": PointLampSe
 
 
 class MapSection(Section):
-    """An environment map: an equirectangular (latitude-longitude) OpenEXR file, up is -y of the camera frame."""
+    """An environment map: an equirectangular (latitude-longitude) OpenEXR or Radiance HDR file.
 
-    file: str = Field(min_length=1, description="path of the OpenEXR file, relative to the study")
+    Up is -y of the camera frame, or of the scene's own in `world: {scene: FILE}`.
+    """
+
+    file: str = Field(
+        min_length=1, description="path of the OpenEXR (.exr) or Radiance (.hdr) file, relative to the study"
+    )
     sha256: str | None = Field(
         default=None, pattern="^[0-9a-f]{64}$", description="checksum of the file; filled in when the study is read"
     )

@@ -123,13 +123,14 @@ class GroupSection(Section):
 
     @model_validator(mode="after")
     def _world_has_its_own(self) -> GroupSection:
-        if self.world.kind != "plain":
-            if self.light != LightSection():
-                raise ValueError(f"light: world {self.world.kind} has its own lights; leave out light, or set world: plain")
+        world = f"world {self.world.kind}"
+        if self.world.kind not in ("plain", "scene") and self.light != LightSection():
+            raise ValueError(f"light: {world} has its own lights; leave out light, or set world: plain")
+        if self.world.kind != "plain" or self.world.pictures is not None:
             if getattr(self.marker, "clutter", None) is not None:
-                raise ValueError(f"marker.clutter: world {self.world.kind} has no bare wall; use world.objects")
+                raise ValueError(f"marker.clutter: {world} has no bare wall; use world.objects")
             if self.motion.marker != MotionSection().marker:
-                raise ValueError(f"motion.marker: in world {self.world.kind} the sheet is at rest; move the camera")
+                raise ValueError(f"motion.marker: in {world} the sheet is at rest; move the camera")
         return self
 
     @model_validator(mode="after")

@@ -18,7 +18,7 @@ from roundel.scenes.errors import StudyError, did_you_mean
 from roundel.scenes.study.identity import study_digest
 from roundel.scenes.study.layers import deep_merge, preset, preset_names
 from roundel.scenes.study.light_map import map_sha256
-from roundel.scenes.study.light_section import LAMPS
+from roundel.scenes.study.light_section import LAMPS, LightSection
 from roundel.scenes.study.marker_section import KINDS as MARKERS
 from roundel.scenes.study.sampling import frame_count
 from roundel.scenes.study.schema import (
@@ -29,6 +29,7 @@ from roundel.scenes.study.schema import (
     ValidateSection,
 )
 from roundel.scenes.study.section import Section
+from roundel.scenes.study.world_files import has_own_lights, recorded
 from roundel.scenes.study.yaml_reader import Marks, read_yaml
 
 DEFAULT_GROUP = "main"
@@ -264,20 +265,33 @@ def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:
 
 
 def _with_checksums(study: Study) -> Study:
-    """The study with the sha256 of each map it names, so that its digest covers their pixels, too."""
-    groups = {}
-    for name, group in study.groups.items():
-        groups[name] = group
-        if group.light.map is not None:
-            try:
-                digest = map_sha256(study.path.parent, group.light.map)
-            except ValueError as error:
-                raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
-            # Validate again rather than copy: a copy would keep the section's cached values.
-            raw = group.model_dump(exclude_none=True)
-            raw["light"]["map"]["sha256"] = digest
-            groups[name] = GroupSection.model_validate(raw)
-    return replace(study, groups=groups)
+    """The study with the sha256 of each file it names, so that its digest covers their content, too."""
+    return replace(study, groups={name: _recorded(study, name) for name in study.groups})
+
+
+def _recorded(study: Study, name: str) -> GroupSection:
+    group, folder = study.groups[name], study.path.parent
+    found: dict[str, dict[str, Any]] = {}
+    if group.light.map is not None:
+        try:
+            found["light"] = {"map": {"sha256": map_sha256(folder, group.light.map)}}
+        except ValueError as error:
+            raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
+    try:
+        found["world"] = recorded(folder, group.world)
+    except ValueError as error:
+        raise study.error(
+            f"world.{error}", name, "world", "pictures" if group.world.scene is None else "scene"
+        ) from error
+    if not any(found.values()):
+        return group
+    # Validate again rather than copy: a copy would keep the section's cached values.
+    whole = GroupSection.model_validate(deep_merge(group.model_dump(exclude_none=True), found))
+    if whole.light != LightSection() and has_own_lights(folder, whole.world):
+        raise study.error(
+            "light: the scene has lights of its own; leave out light, or remove its emitters", name, "light"
+        )
+    return whole
 
 
 def _check_pair(study: Study, name: str, group: GroupSection) -> None:

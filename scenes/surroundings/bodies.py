@@ -77,6 +77,55 @@ class Panel:
 
 
 @dataclass(frozen=True, eq=False)
+class UserScene:
+    """A scene of the user's own: its file and where it stands.
+
+    Attributes
+    ----------
+    file : str
+        Relative to the study's folder.
+    digest : str
+        Of the file and all that it refers to.
+    camera_from_scene : (4, 4) array
+        A rotation and a shift, of the scene's axes in metres.
+    unit_m : float
+        Metres in a unit of the file.
+    has_lights : bool
+        Whether it brings lights of its own; the study's section `light` lights it otherwise.
+    """
+
+    file: str
+    digest: str
+    camera_from_scene: Array
+    unit_m: float
+    has_lights: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture on the wall behind the sheet, repeated in mirror beyond its edges.
+
+    Attributes
+    ----------
+    folder : str
+        Of the pictures, relative to the study's.
+    digest : str
+        Of all of them.
+    index : int
+        Of this one, in the sorted list of their names.
+    camera_from_picture : (4, 4) array
+        Origin at its middle, X to its right, Y up, Z out of the wall.
+    width_m : float
+    """
+
+    folder: str
+    digest: str
+    index: int
+    camera_from_picture: Array
+    width_m: float
+
+
+@dataclass(frozen=True, eq=False)
 class Surroundings:
     """Everything around a sheet.
 
@@ -85,13 +134,18 @@ class Surroundings:
     up : (3,) array
         Against gravity, in the camera frame.
     support : str
-        What holds the sheet: `table`, `wall`, `box`, `stand`, `can` or `ground`.
+        What holds the sheet: `table`, `wall`, `box`, `stand`, `can`, `ground`, or `scene` (the user's own).
     bodies : list of Body
     panels : list of Panel
         Windows and lamps.
     sun : (3,) array or None
         Direction toward the sun, where there is a sky.
     sheet_thickness_m : float
+    scene : UserScene or None
+    picture : Picture or None
+        On the wall behind the sheet.
+    camera_from_level : (4, 4) array or None
+        The frame that the study's sky and map are given in, X right, Y down, Z forward, where it is not the camera's.
     """
 
     up: Array
@@ -100,6 +154,14 @@ class Surroundings:
     panels: list[Panel] = field(default_factory=list)
     sun: Array | None = None
     sheet_thickness_m: float = 0.0003
+    scene: UserScene | None = None
+    picture: Picture | None = None
+    camera_from_level: Array | None = None
+
+    @property
+    def is_lit_by_the_study(self) -> bool:
+        """Whether the study's section `light` has the lights."""
+        return self.picture is not None or (self.scene is not None and not self.scene.has_lights)
 
 
 def frame_on(up: Array, turn_rad: float) -> tuple[Array, Array]:

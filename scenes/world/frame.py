@@ -26,6 +26,7 @@ from roundel.scenes.world.cameras import camera_of, motion_of
 from roundel.scenes.world.further_sheets import PlacedSheet, further_sheets
 from roundel.scenes.world.lamps import check_light
 from roundel.scenes.world.occluders import check_occluders
+from roundel.scenes.world.own_world import is_own, own_world
 from roundel.scenes.world.placement import Fail, border_points, check_in_view, part_outline, placed
 from roundel.scenes.world.sheets import sheet_of
 
@@ -237,11 +238,12 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
         for view in frame.views()[1:]:
             for part in view.sheet.parts:
                 check_in_view(view, part, fail)
-    if settings.world.kind != "plain" and settings.mode == "images":
+    if settings.mode == "images" and (settings.world.kind != "plain" or is_own(settings.world)):
         try:
             frame = replace(frame, surroundings=_surroundings(frame, stream(study.seed, drawn_as, 5, index)))
         except ValueError as error:
-            raise fail(f"world: {error}", "world") from error
+            dot = "." if is_own(settings.world) else ": "
+            raise fail(f"world{dot}{error}", "world") from error
     for check, key in ((_check_occluders, "occluders"), (_check_light, "light")):
         try:
             check(frame)
@@ -250,22 +252,28 @@ def _frame(study: Study, name: str, frame_id: int, position: int) -> Frame:
     return frame
 
 
-def _surroundings(frame: Frame, seed: np.random.SeedSequence) -> Surroundings:
-    """The world around the sheet, from a stream of random numbers of its own: it changes no pose."""
-    world = frame.settings.world
-    places = [
+def sheet_places(frame: Frame) -> list[SheetPlace]:
+    """The sheets as the world around them sees them; the study's own first."""
+    return [
         SheetPlace(
             view.camera_from_sheet,
             transform_points(view.camera_from_sheet, border_points(view.sheet)),
             transform_points(
                 view.camera_from_sheet, np.concatenate([part_outline(view.sheet, p, 32) for p in view.sheet.parts])
             ),
-            world.sheet_thickness_m,
+            frame.settings.world.sheet_thickness_m,
             view.sheet.curve,
         )
         for view in frame.views()
     ]
-    return surroundings_of(world.kind, places, world.objects, np.random.default_rng(seed))
+
+
+def _surroundings(frame: Frame, seed: np.random.SeedSequence) -> Surroundings:
+    """The world around the sheet, from a stream of random numbers of its own: it changes no pose."""
+    world, places, rng = frame.settings.world, sheet_places(frame), np.random.default_rng(seed)
+    if is_own(world):
+        return own_world(frame, places, rng)
+    return surroundings_of(world.kind, places, world.objects, rng)
 
 
 def _camera(settings: GroupSection, fail: Fail) -> Camera:

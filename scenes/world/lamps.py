@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -9,10 +11,22 @@ from roundel.scenes.geometry.pose import transform_points
 from roundel.scenes.markers.marker import Sheet
 from roundel.scenes.study.light_section import AreaLampSection, Lamp, LightSection, SpotLampSection
 
+if TYPE_CHECKING:
+    from roundel.scenes.world.frame import Frame
+
 Array = NDArray[np.float64]
 
 # Luminance weights of linear red, green and blue (ITU-R BT.709), as used by Mitsuba.
 LUMINANCE = (0.212671, 0.715160, 0.072169)
+
+
+def camera_from_level(frame: Frame) -> Array:
+    """Pose (4, 4) of the frame that a sky and a map are given in: X right, Y down, Z forward.
+
+    The camera's own, unless a scene around it says which way is up.
+    """
+    around = frame.surroundings
+    return np.eye(4) if around is None or around.camera_from_level is None else around.camera_from_level
 
 
 def luminance_of(colour: ArrayLike) -> float:

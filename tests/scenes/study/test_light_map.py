@@ -10,6 +10,7 @@ from helpers_light import light_from, radiance_at, write_map
 from helpers_studies import small_study
 
 from roundel.render.backend import start
+from roundel.render.run import render_study
 from roundel.render.scene.lights import emitters
 from roundel.scenes.errors import DataError, StudyError
 from roundel.scenes.study.study import load_study
@@ -105,6 +106,66 @@ def test_a_resolved_study_is_read_without_its_map_and_is_the_same(tmp_path: Path
         emitters(start(), frame)
 
 
+def write_hdr(mi, path: Path, pixels: np.ndarray) -> None:
+    mi.Bitmap(pixels.astype(np.float32)).write(str(path))
+
+
+def hdr(folder: Path):
+    return small_study(folder, (LIGHT, "light:\n  map:\n    {file: map.hdr}"))
+
+
+def test_a_radiance_map_is_the_same_light_as_its_exr(mi, tmp_path: Path) -> None:
+    pixels = np.repeat(np.random.default_rng(4).uniform(0.1, 50.0, (32, 64, 1)), 3, axis=-1)
+    write_map(tmp_path / "map.exr", pixels.astype(np.float32))
+    write_hdr(mi, tmp_path / "map.hdr", pixels)
+    found = [
+        light_from(mi, emitters(mi, frame_of(study, 0))["environment"], directions()[2])
+        for study in (mapped(tmp_path), hdr(tmp_path))
+    ]
+    # RGBE has eight bits of mantissa, the first of which is set: what is cut off is at most 1/128.
+    np.testing.assert_allclose(found[1], found[0], rtol=0.01)
+
+
+def test_a_corrupt_radiance_map_is_refused(mi, tmp_path: Path) -> None:
+    write_hdr(mi, tmp_path / "map.hdr", np.ones((8, 16, 3)))
+    data = (tmp_path / "map.hdr").read_bytes()
+    for broken in (
+        data[:8],
+        data.replace(b"-Y 8", b"+X 8"),
+        data.replace(b"rgbe", b"xyze"),
+        data.replace(b"X 16", b"X a6"),
+    ):
+        (tmp_path / "map.hdr").write_bytes(broken)
+        with pytest.raises(StudyError, match=r"light\.map\.file: map\.hdr: its header is not that of a Radiance"):
+            hdr(tmp_path)
+    for size, message in ((b"-Y 9000 +X 18000", "is too large"), (b"-Y 16 +X 16", "twice as wide as high")):
+        (tmp_path / "map.hdr").write_bytes(data.replace(b"-Y 8 +X 16", size))
+        with pytest.raises(StudyError, match=message):
+            hdr(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["map.hdr", "map.exr"])
+def test_a_map_whose_pixels_are_cut_off_is_refused_before_anything_is_rendered(mi, tmp_path: Path, name: str) -> None:
+    pixels = np.random.default_rng(4).uniform(0.1, 50.0, (32, 64, 3)).astype(np.float32)
+    write_hdr(mi, tmp_path / "map.hdr", pixels)
+    write_map(tmp_path / "map.exr", pixels)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) // 2])
+    study = hdr(tmp_path) if name == "map.hdr" else mapped(tmp_path)
+    with pytest.raises(StudyError, match=r"study.yaml:\d+:\d+: light.map.file: .*truncated or corrupt") as caught:
+        render_study(study, tmp_path / "ds")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "ds").exists()
+
+
+@pytest.mark.parametrize("name", ["../map.exr", "a/../../map.exr", "http://a.org/map.exr"])
+def test_a_map_outside_the_folder_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "study").mkdir()
+    constant(tmp_path)
+    with pytest.raises(StudyError, match=r"light.map.file: .*(leaves the study's folder|is not a relative path)"):
+        small_study(tmp_path / "study", (LIGHT, f'light: {{map: {{file: "{name}"}}}}'))
+
+
 def refused(folder: Path, message: str, keys: str = "") -> None:
     with pytest.raises(StudyError, match=message) as caught:
         mapped(folder, keys)
@@ -133,7 +194,7 @@ def test_another_map_than_the_recorded_one_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_is_no_exr_is_refused(tmp_path: Path) -> None:
     for data in (b"", b"P6 2 1 255 ......", b"\x89PNG" + bytes(100)):
         (tmp_path / "map.exr").write_bytes(data)
-        refused(tmp_path, r"map\.exr: is not an OpenEXR file")
+        refused(tmp_path, r"map\.exr: is not an OpenEXR or Radiance HDR file")
 
 
 @pytest.mark.parametrize("length", [4, 7, 8, 9, 20, 60, 200])
