@@ -10,6 +10,7 @@ from roundel.scenes.errors import first_line
 
 _PACKAGES = (
     "mitsuba",
+    "trimesh",
     "drjit",
     "karellen-llvm-core",
     "numpy",

@@ -35,6 +35,7 @@ _PACKAGES = (
     "opencv-contrib-python-headless",
     "pillow",
     "OpenEXR",
+    "trimesh",
     "pyarrow",
 )
 

@@ -3,6 +3,8 @@
 anchor: Where the sheet lies in a user's scene: the pose that takes the sheet's frame to the scene's
 files: Files that a study brings along: they lie inside its folder, are of bounded size, and are known by their
     sha256
+light_map: Check an environment-map file: it exists, is OpenEXR or Radiance HDR within the size limit, and matches
+    its recorded checksum
 meshes: Meshes of a user's scene: glTF, GLB, OBJ and PLY, read by trimesh into plain arrays
 mitsuba_xml: A Mitsuba XML scene before Mitsuba sees it: only known elements, plugins and files inside the study's
     folder pass

@@ -16,6 +16,7 @@ from roundel.scenes.assets.files import IMAGES, any_of, inside, read_inside, sha
 from roundel.scenes.assets.pictures import check_decodes
 
 MOST_XML_BYTES = 10_000_000
+_MOST_DEPTH = 16
 
 _PLUGINS = {
     "shape": {"obj", "ply", "sphere", "cylinder", "disk", "rectangle", "cube"},
@@ -116,8 +117,10 @@ def _check_prolog(name: str, data: bytes) -> None:
         raise ValueError(f"{name}: is not well-formed XML ({error})") from error
 
 
-def _check(name: str, element: Any, files: list[str], parent: str = "scene") -> None:
+def _check(name: str, element: Any, files: list[str], parent: str = "scene", depth: int = 1) -> None:
     tag = element.tag
+    if depth > _MOST_DEPTH:
+        raise ValueError(f"{name}: is nested more than {_MOST_DEPTH} deep; flatten it")
     if tag in ("include", "path", "alias"):
         raise ValueError(f"{name}: <{tag}> is refused; write everything into one file")
     if tag not in _PLUGINS and tag not in _VALUES:
@@ -141,7 +144,7 @@ def _check(name: str, element: Any, files: list[str], parent: str = "scene") -> 
     elif not all(_WORD.match(value) for value in element.attrib.values()):
         raise ValueError(f"{name}: <{tag}> holds {next(iter(element.attrib.values()))[:60]!r}; names and numbers pass")
     for child in element:
-        _check(name, child, files, tag if tag in _PLUGINS else parent)
+        _check(name, child, files, tag if tag in _PLUGINS else parent, depth + 1)
 
 
 def _file(name: str, parent: str, value: str) -> str:

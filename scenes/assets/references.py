@@ -15,6 +15,8 @@ from roundel.scenes.assets.pictures import check_decodes
 Read = Callable[[str], bytes]
 
 _GLB, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+# An accessor without data is filled with zeros, whatever it claims.
+_MOST_ELEMENTS = 20_000_000
 # Required extensions that change only the look; without them the base material remains.
 _HARMLESS = "KHR_materials_"
 
@@ -47,6 +49,9 @@ def gltf_parts(name: str, data: bytes) -> tuple[dict[str, Any], bytes]:
             raise ValueError
     except (ValueError, KeyError, TypeError, struct.error, RecursionError) as error:
         raise ValueError(f"{name}: is not a glTF 2.0 file, or is truncated or corrupt; export it again") from error
+    counts = [a.get("count", 0) for a in tree.get("accessors", []) if isinstance(a, dict)]
+    if any(not isinstance(count, int) or not 0 <= count <= _MOST_ELEMENTS for count in counts):
+        raise ValueError(f"{name}: an accessor has more than {_MOST_ELEMENTS:,} elements; simplify the scene")
     needed = [e for e in tree.get("extensionsRequired", []) if not str(e).startswith(_HARMLESS)]
     if needed:
         raise ValueError(f"{name}: needs the extension {needed[0]}, which is not read; export it without")

@@ -3,8 +3,6 @@
 camera_section: Keys of the camera and its motion: lens, shutter, twists
 identity: Identity of studies and frames as checksums
 layers: Layers of a study: a preset, then shared keys, then a group's own keys
-light_map: Check an environment-map file: it exists, is OpenEXR or Radiance HDR within the size limit, and matches
-    its recorded checksum
 light_section: Keys of lights and occluders
 marker_section: Keys of a marker: the print, its paper, and the wall behind it
 pose_section: Keys of poses: of the marker, and of further markers beside it

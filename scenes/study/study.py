@@ -13,11 +13,11 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from roundel.scenes.assets.light_map import map_sha256
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import StudyError, did_you_mean
 from roundel.scenes.study.identity import study_digest
 from roundel.scenes.study.layers import deep_merge, preset, preset_names
-from roundel.scenes.study.light_map import map_sha256
 from roundel.scenes.study.light_section import LAMPS, LightSection
 from roundel.scenes.study.marker_section import KINDS as MARKERS
 from roundel.scenes.study.sampling import frame_count
@@ -274,7 +274,7 @@ def _recorded(study: Study, name: str) -> GroupSection:
     found: dict[str, dict[str, Any]] = {}
     if group.light.map is not None:
         try:
-            found["light"] = {"map": {"sha256": map_sha256(folder, group.light.map)}}
+            found["light"] = {"map": {"sha256": map_sha256(folder, group.light.map.file, group.light.map.sha256)}}
         except ValueError as error:
             raise study.error(f"light.map.file: {error}", name, "light", "map", "file") from error
     try:

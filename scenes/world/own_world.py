@@ -31,7 +31,7 @@ _BEFORE_M = 1e-5
 _RIM = 4
 _OUTLINE_POINTS = 32  # of `sheet_places`
 # Parts of the way from a marker's centre to its outline.
-_RINGS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_RINGS = (0.25, 0.5, 0.75, 1.0)
 
 
 def is_own(world: WorldSection) -> bool:
@@ -121,8 +121,8 @@ def _spread(sheet: SheetPlace) -> Array:
         return np.asarray(sheet.seen + before)
     outlines = sheet.seen.reshape(-1, _OUTLINE_POINTS, 3)
     middles = outlines.mean(axis=1, keepdims=True)
-    points = np.concatenate([middles + ring * (outlines - middles) for ring in _RINGS])
-    return np.asarray(points.reshape(-1, 3) + before)
+    rings = [(middles + ring * (outlines - middles)).reshape(-1, 3) for ring in _RINGS]
+    return np.concatenate([middles[:, 0], *rings]) + before
 
 
 def _picture_wall(

@@ -256,12 +256,13 @@ XMLS = {
     "<script>import os</script>": "<script> is not supported",
     '<medium type="homogeneous"/>': "<medium> is not supported",
     '<shape type="cube">': "is not well-formed XML",
+    20_000 * '<bsdf type="twosided">' + 20_000 * "</bsdf>": "is nested more than 16 deep",
     "<?php evil?>": "has processing instructions",
     '<emitter type="envmap"><string name="filename" value="sky.exe"/></emitter>': "a emitter reads .exr, .hdr",
 }
 
 
-@pytest.mark.parametrize("more", XMLS)
+@pytest.mark.parametrize("more", XMLS, ids=lambda more: more[:40])
 def test_what_an_xml_may_not_hold(tmp_path: Path, more: str) -> None:
     write_xml(tmp_path, more)
     text = refusal(tmp_path, f"{{scene: scene.xml, {ANCHOR}}}")
@@ -306,3 +307,10 @@ def test_an_embedded_picture_by_data_uri(tmp_path: Path) -> None:
     assert "top.png" not in own_study(tmp_path, "{scene: table.gltf}").groups["main"].world.checksums
     write_gltf(tmp_path, uri="data:image/png;base64,AAAA")
     assert "image 0" in refusal(tmp_path, "{scene: table.gltf}")
+
+
+def test_an_accessor_that_claims_too_much(tmp_path: Path) -> None:
+    data = table().export(file_type="gltf")["model.gltf"].decode()
+    assert '"count":4' in data
+    (tmp_path / "table.gltf").write_text(data.replace('"count":4', '"count":400000000000', 1))
+    assert "table.gltf: an accessor has more than 20,000,000 elements" in refusal(tmp_path, "{scene: table.gltf}")

@@ -14,7 +14,6 @@ import struct
 from pathlib import Path
 
 from roundel.scenes.assets.files import inside
-from roundel.scenes.study.light_section import MapSection
 
 _MAGIC = b"\x76\x2f\x31\x01"
 # Rows from top to bottom, as all writers have them; others are flipped or turned.
@@ -28,7 +27,7 @@ MAX_BYTES = 1_000_000_000
 _ASPECT = (1.9, 2.1)
 
 
-def map_sha256(folder: Path, section: MapSection) -> str:
+def map_sha256(folder: Path, name: str, recorded: str | None) -> str:
     """Checksum of the map that a study in `folder` names.
 
     Returns
@@ -41,25 +40,24 @@ def map_sha256(folder: Path, section: MapSection) -> str:
     ValueError
         If the file is missing, not a map, too large, or does not match the recorded checksum.
     """
-    path = inside(folder, section.file)
+    path = inside(folder, name)
     if not path.is_file():
-        if section.sha256 is not None:
-            return section.sha256
-        raise ValueError(f"no such file: {section.file}; the path is relative to the study")
+        if recorded is not None:
+            return recorded
+        raise ValueError(f"no such file: {name}; the path is relative to the study")
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
-            raise ValueError(f"{section.file}: {size / 1e9:.1f} GB is too large for a map; scale it down")
+            raise ValueError(f"{name}: {size / 1e9:.1f} GB is too large for a map; scale it down")
         with path.open("rb") as file:
-            _check_size(section.file, *_size_and_channels(section.file, file.read(_MAX_HEADER_BYTES)))
+            _check_size(name, *_size_and_channels(name, file.read(_MAX_HEADER_BYTES)))
             file.seek(0)
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise ValueError(f"{section.file}: cannot be read ({error.strerror})") from error
-    if section.sha256 not in (None, digest):
+        raise ValueError(f"{name}: cannot be read ({error.strerror})") from error
+    if recorded not in (None, digest):
         raise ValueError(
-            f"{section.file}: is not the recorded map (sha256 {digest[:12]}, not {section.sha256[:12]}); "
-            "restore it, or remove sha256"
+            f"{name}: is not the recorded map (sha256 {digest[:12]}, not {recorded[:12]}); restore it, or remove sha256"
         )
     return digest
 
