@@ -10,14 +10,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from roundel.render.backend import DEFAULT_VARIANT, start, variant_of
+from roundel.render.backend import DEFAULT_BACKEND, start, variant_of
 from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import Frame, sheet_places
 from roundel.scenes.world.own_world import sight_lines
 
 
-def check_files(study: Study, frame: Frame, variant: str = DEFAULT_VARIANT) -> None:
+def check_files(study: Study, frame: Frame, backend: str = DEFAULT_BACKEND) -> None:
     """Refuse a frame whose map or Mitsuba scene cannot be read, or whose Mitsuba scene hides the marker.
 
     Raises
@@ -27,12 +27,12 @@ def check_files(study: Study, frame: Frame, variant: str = DEFAULT_VARIANT) -> N
     light_map = frame.settings.light.map
     if light_map is not None and light_map.sha256 is not None:
         try:
-            _check_map(variant, str(frame.folder / light_map.file), light_map.sha256)
+            _check_map(variant_of(frame, backend), str(frame.folder / light_map.file), light_map.sha256)
         except DataError as error:
             raise study.error(f"light.map.file: {error}", frame.group, "light", "map", "file") from error
     if frame.settings.world.is_xml and frame.surroundings is not None:
         try:
-            _check_scene(frame, variant)
+            _check_scene(frame, backend)
         except (DataError, ValueError) as error:
             message = f"world.scene: {error} (frame {frame.index} of group {frame.group})"
             raise study.error(message, frame.group, "world", "scene") from error
@@ -46,11 +46,11 @@ def _check_map(variant: str, path: str, sha256: str) -> None:
     read_map(path, sha256)
 
 
-def _check_scene(frame: Frame, variant: str) -> None:
+def _check_scene(frame: Frame, backend: str) -> None:
     assert frame.surroundings is not None
     own = frame.surroundings.scene
     assert own is not None
-    mi = start(variant_of(frame, variant))
+    mi = start(variant_of(frame, backend))
     from roundel.render.assets.xml_scene import hidden_in
 
     scene_from_sheet = np.linalg.inv(own.camera_from_scene) @ frame.camera_from_sheet

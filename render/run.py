@@ -200,7 +200,7 @@ def render_study(
         digests[frame.frame_id] = frame_digest(frame)
         if frame.frame_id in images and (frames is None or frame.frame_id in frames):
             wanted.append(frame.frame_id)
-            check_files(study, frame, variant)
+            check_files(study, frame, chosen)
         if check_progress:
             check_progress(len(digests), count)
     entries = prepare(study, dataset)

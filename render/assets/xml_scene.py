@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.render.assets.decoding import two_threads
 from roundel.scenes.assets.files import digest_of
 from roundel.scenes.assets.meshes import MOST_FACES
 from roundel.scenes.assets.mitsuba_xml import xml_checksums, xml_text
@@ -65,7 +66,8 @@ def _loaded(mi: Any, folder: Path, own_file: str, digest: str) -> Any:
     try:
         if digest_of(xml_checksums(folder, own_file)) != digest:
             raise ValueError(f"{own_file}: it, or a file that it refers to, was changed; restore it")
-        return mi.load_string(xml_text(folder, own_file), optimize=False)
+        with two_threads():
+            return mi.load_string(xml_text(folder, own_file), optimize=False)
     except ValueError as error:
         raise DataError(str(error)) from error
     except (RuntimeError, MemoryError) as error:

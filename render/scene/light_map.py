@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.render.assets.decoding import two_threads
 from roundel.scenes.errors import DataError
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.lamps import LUMINANCE, camera_from_level
@@ -76,7 +77,8 @@ def read_map(path: str | Path, sha256: str) -> NDArray[np.float32]:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         if digest != sha256:
             raise DataError(f"{path}: is not the map recorded by the study (sha256 {digest[:12]}, not {sha256[:12]})")
-        bitmap = _bitmap(mi, path)
+        with two_threads():
+            bitmap: Any = mi.Bitmap(str(path))
         names = [field.name for field in bitmap.struct_()]
         pixels = np.array(bitmap, dtype=np.float32).reshape(bitmap.height(), bitmap.width(), -1)
     except (OSError, RuntimeError, MemoryError) as error:
@@ -94,15 +96,3 @@ def read_map(path: str | Path, sha256: str) -> NDArray[np.float32]:
     if pixels.max() <= 0:
         raise DataError(f"{path}: this environment map is black; use another one")
     return pixels
-
-
-def _bitmap(mi: Any, path: Path) -> Any:
-    """The file decoded, on two threads at least: a pool of one has no workers, and decoding waits for one forever."""
-    import drjit as dr
-
-    threads = dr.thread_count()
-    dr.set_thread_count(max(threads, 2))
-    try:
-        return mi.Bitmap(str(path))
-    finally:
-        dr.set_thread_count(threads)

@@ -275,3 +275,16 @@ def test_several_and_bent_sheets(mi, tmp_path: Path) -> None:
         radiance = render_radiance(mi, frame)
         assert all(coverage.max() == 1.0 for coverage in radiance.coverage.values())
         assert len(radiance.coverage) == 2
+
+
+def test_an_xml_with_an_exr_is_decoded_on_one_thread(tmp_path: Path) -> None:
+    from helpers_light import write_map
+
+    write_map(tmp_path / "sky.exr", np.ones((8, 16, 3), dtype=np.float32))
+    write_xml(tmp_path, '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>')
+    study = own_study(tmp_path, f"{{scene: scene.xml, {ANCHOR}}}", "", FEW, ("frames: 4", "frames: 1"))
+    dataset = render_study(study, tmp_path / "ds", threads=1)
+    assert dataset is not None
+    from roundel.render.backend import start
+
+    start(threads=2)
