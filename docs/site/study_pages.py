@@ -128,5 +128,11 @@ def _plain_type(about: dict[str, Any]) -> str:
         return " or ".join(dict.fromkeys(_plain_type(o) for o in options))
     if about.get("type") == "array":
         return f"list of {_plain_type(about.get('items', {}))}s".replace("texts", "text")
-    names = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true` or `false`"}
+    names = {
+        "integer": "whole number",
+        "number": "number",
+        "string": "text",
+        "boolean": "`true` or `false`",
+        "object": "mapping",
+    }
     return names.get(about.get("type", ""), "text")

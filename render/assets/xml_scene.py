@@ -67,7 +67,8 @@ def _loaded(mi: Any, folder: Path, own_file: str, digest: str) -> Any:
         if digest_of(xml_checksums(folder, own_file)) != digest:
             raise ValueError(f"{own_file}: it, or a file that it refers to, was changed; restore it")
         with two_threads():
-            return mi.load_string(xml_text(folder, own_file), optimize=False)
+            # One after the other: an exception in a thread of its own ends the process (Mitsuba 3.9.1).
+            return mi.load_string(xml_text(folder, own_file), parallel=False, optimize=False)
     except ValueError as error:
         raise DataError(str(error)) from error
     except (RuntimeError, MemoryError) as error:

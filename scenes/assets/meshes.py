@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.assets.files import digest_of, read_inside, sha256_of, sibling
 from roundel.scenes.assets.pictures import to_linear
-from roundel.scenes.assets.references import gltf_references, obj_references
+from roundel.scenes.assets.references import gltf_references, obj_references, text_of
 
 Array = NDArray[np.float64]
 
@@ -143,6 +143,10 @@ def _read(name: str, data: bytes, others: Mapping[str, bytes]) -> Any:
     log.setLevel(logging.CRITICAL)
     try:
         kind = PurePosixPath(name).suffix.lower().removeprefix(".")
+        if kind == "obj":
+            # For other encodings than UTF-8 trimesh needs one more library.
+            data = text_of(data).encode()
+            others = {key: text_of(b).encode() if key.lower().endswith(".mtl") else b for key, b in others.items()}
         return trimesh.load_scene(BytesIO(data), file_type=kind, resolver=dict(others), process=False)
     except Exception as error:
         raise ValueError(f"{name}: cannot be read as a mesh ({type(error).__name__}); export it again") from error
@@ -150,13 +154,33 @@ def _read(name: str, data: bytes, others: Mapping[str, bytes]) -> Any:
         log.setLevel(level)
 
 
-def _mesh(file: str, name: str, geometry: Any, transform: Array) -> UserMesh:
-    vertices = np.asarray(geometry.vertices, dtype=np.float64) @ transform[:3, :3].T + transform[:3, 3]
-    faces = np.asarray(geometry.faces, dtype=np.int64)
-    if not np.isfinite(vertices).all():
-        raise ValueError(f"{file}: {name} has vertices that are not finite numbers; repair the mesh")
+def faces_in(name: str, data: bytes) -> int:
+    """Number of faces of a PLY or OBJ file that another reader will load.
+
+    Raises
+    ------
+    ValueError
+        If it is corrupt, or its faces or vertices are not sound.
+    """
+    found = [(str(key), g) for key, g in _read(name, data, {}).geometry.items() if len(getattr(g, "faces", ())) > 0]
+    if not found:
+        raise ValueError(f"{name}: has no faces; export triangles")
+    return sum(len(_sound(name, key, geometry)[1]) for key, geometry in found)
+
+
+def _sound(file: str, name: str, geometry: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices and faces, all finite and all there."""
+    vertices, faces = np.asarray(geometry.vertices, dtype=np.float64), np.asarray(geometry.faces, dtype=np.int64)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise ValueError(f"{file}: {name} has faces without vertices; repair the mesh")
+    if not np.isfinite(vertices).all():
+        raise ValueError(f"{file}: {name} has vertices that are not finite numbers; repair the mesh")
+    return vertices, faces
+
+
+def _mesh(file: str, name: str, geometry: Any, transform: Array) -> UserMesh:
+    vertices, faces = _sound(file, name, geometry)
+    vertices = vertices @ transform[:3, :3].T + transform[:3, 3]
     normals = None
     # Only normals of the file: without, glTF asks for flat faces (section 3.7.2.1).
     if "vertex_normals" in geometry._cache.cache:

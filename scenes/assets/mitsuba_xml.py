@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from roundel.scenes.assets.files import IMAGES, any_of, inside, read_inside, sha256_of, sibling
+from roundel.scenes.assets.meshes import MOST_FACES, faces_in
 from roundel.scenes.assets.pictures import check_decodes
 
 MOST_XML_BYTES = 10_000_000
@@ -74,7 +75,7 @@ def read_xml(folder: Path, name: str) -> XmlScene:
 
 
 def xml_checksums(folder: Path, name: str) -> dict[str, str]:
-    """sha256 of an XML scene and of every file that it names; pictures are decoded.
+    """sha256 of an XML scene and of every file that it names; pictures are decoded, meshes read.
 
     Raises
     ------
@@ -82,8 +83,14 @@ def xml_checksums(folder: Path, name: str) -> dict[str, str]:
         If one is missing, outside the folder, too large or corrupt.
     """
     found = {name: sha256_of(read_inside(folder, name, MOST_XML_BYTES))}
+    faces = 0
     for file in read_xml(folder, name).files:
         data = read_inside(folder, file)
+        if file.lower().endswith((".obj", ".ply")):
+            # Mitsuba does not look whether a face's vertices exist.
+            faces += faces_in(file, data)
+            if faces > MOST_FACES:
+                raise ValueError(f"{name}: more than {MOST_FACES:,} faces; simplify the scene")
         if file.lower().endswith(IMAGES):
             check_decodes(file, data)
         found[file] = sha256_of(data)

@@ -115,7 +115,15 @@ def obj_references(data: bytes, read: Read) -> dict[str, bytes]:
     return found
 
 
+def text_of(data: bytes) -> str:
+    """The text of an OBJ or MTL file: UTF-8, or Latin-1 as older programs write names."""
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
 def _arguments(data: bytes, keyword: str) -> list[str]:
     """What follows a keyword at the start of a line."""
-    lines = (line.strip() for line in data.decode("utf-8", errors="replace").splitlines())
+    lines = (line.strip() for line in text_of(data).splitlines())
     return [line[len(keyword) :].strip() for line in lines if line.lower().startswith((f"{keyword} ", f"{keyword}\t"))]

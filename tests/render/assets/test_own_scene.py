@@ -288,3 +288,17 @@ def test_an_xml_with_an_exr_is_decoded_on_one_thread(tmp_path: Path) -> None:
     from roundel.render.backend import start
 
     start(threads=2)
+
+
+def test_a_corrupt_sky_of_an_xml_is_refused_before_rendering(tmp_path: Path) -> None:
+    from helpers_light import write_map
+
+    write_map(tmp_path / "sky.exr", np.random.default_rng(0).random((32, 64, 3)).astype(np.float32))
+    data = (tmp_path / "sky.exr").read_bytes()
+    (tmp_path / "sky.exr").write_bytes(data[: len(data) // 2])
+    write_xml(tmp_path, '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>')
+    study = own_study(tmp_path, f"{{scene: scene.xml, {ANCHOR}}}", "", FEW)
+    with pytest.raises(StudyError, match=r"study.yaml:\d+:\d+: world.scene: ") as caught:
+        render_study(study, tmp_path / "ds")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "ds").exists()

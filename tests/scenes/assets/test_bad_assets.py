@@ -314,3 +314,28 @@ def test_an_accessor_that_claims_too_much(tmp_path: Path) -> None:
     assert '"count":4' in data
     (tmp_path / "table.gltf").write_text(data.replace('"count":4', '"count":400000000000', 1))
     assert "table.gltf: an accessor has more than 20,000,000 elements" in refusal(tmp_path, "{scene: table.gltf}")
+
+
+def test_meshes_that_an_xml_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
+    from roundel.scenes.assets import mitsuba_xml
+
+    ball = trimesh.creation.icosphere(1, 0.1)
+    sound = ball.export(file_type="ply")
+    ball.vertices[3] = np.nan
+    write_xml(tmp_path, '<shape type="ply"><string name="filename" value="ball.ply"/></shape>')
+    world = f"{{scene: scene.xml, {ANCHOR}}}"
+    # A ball is 80 triangles; its last vertex number is made far too large.
+    for data, said in (
+        (ball.export(file_type="ply"), "has vertices that are not finite"),
+        (sound[:-4] + b"\xff\xff\xff\x0f", "has faces without vertices"),
+        (sound[: len(sound) // 2], "cannot be read as a mesh"),
+        (b"ply\n", "cannot be read as a mesh"),
+    ):
+        (tmp_path / "ball.ply").write_bytes(data)
+        assert f"world.scene: ball.ply: {said}" in refusal(tmp_path, world).replace("geometry_0 ", "")
+    (tmp_path / "ball.ply").write_bytes(sound)
+    own_study(tmp_path, world)
+    monkeypatch.setattr(mitsuba_xml, "MOST_FACES", 79)
+    assert "scene.xml: more than 79 faces" in refusal(tmp_path, world)

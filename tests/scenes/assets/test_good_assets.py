@@ -188,3 +188,13 @@ def test_a_mesh_is_read_once(tmp_path: Path) -> None:
     before = load_meshes.cache_info().misses
     list(frames_of(study))
     assert load_meshes.cache_info().misses == before
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_names_in_other_encodings(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "tölpel.mtl").write_bytes("newmtl größe\nKd 0.2 0.4 0.6\n".encode(encoding))
+    text = "mtllib tölpel.mtl\nv 0 0 0\nv 1 0 0\nv 0 0 -1\nusemtl größe\nf 1 2 3\n"
+    (tmp_path / "a.obj").write_bytes(text.encode(encoding))
+    (mesh,) = meshes_in(tmp_path, "a.obj").values()
+    np.testing.assert_allclose(mesh.look.colour, [0.2, 0.4, 0.6], atol=1 / 255)
+    assert mesh.look.metallic is None
