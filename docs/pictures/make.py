@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from roundel.render.redevelop import develop_dataset
 from roundel.render.run import render_study
 from roundel.solver.photos.photo_report import line_of
 from roundel.solver.photos.photographs import solve_photographs
@@ -32,14 +33,19 @@ def inset(image: NDArray[np.uint8], centre: NDArray[np.float64], contour: NDArra
 
 
 def hero(folder: Path) -> None:
-    """A rendered frame, and its disc's edge pixel by pixel under the analytic contour."""
+    """A rendered frame, and its disc's edge pixel by pixel under the analytic contour.
+
+    The inset is developed once more without tone curve and sharpening, which move an edge for the eye.
+    """
     dataset = render_study(HERE / "hero.yaml", folder / "hero")
     assert dataset is not None
+    (folder / "linear.yaml").write_text("{curve: linear, isp: none}\n", encoding="utf-8")
+    linear = develop_dataset(folder / "hero", folder / "linear", folder / "linear.yaml").images.image(0)
     image, row = dataset.images.image(0), dataset.truth.to_pylist()[0]
     contour = np.column_stack([row["contour_x_px"], row["contour_y_px"]])
     picture = Image.fromarray(image).convert("RGB")
     ImageDraw.Draw(picture).line([tuple(p) for p in np.vstack([contour, contour[:1]])], fill=TRUTH, width=1)
-    detail = inset(image, contour[20], contour)
+    detail = inset(linear, contour[20], contour)
     frame = Image.new("RGB", (detail.width + 2 * BORDER, detail.height + 2 * BORDER), (255, 255, 255))
     frame.paste(detail, (BORDER, BORDER))
     picture.paste(frame, (picture.width - frame.width - 24, picture.height - frame.height - 24))
