@@ -1,7 +1,7 @@
 """Make a small scene of one's own and its picture: `python docs/gallery/own_scene.py FOLDER`.
 
 Writes FOLDER/table.glb (a textured table with a box and a ball, made by trimesh), FOLDER/walls (two pictures), two
-studies and their datasets, and puts both images into docs/gallery/own_scene.jpg.
+studies and their datasets, and puts their images into docs/gallery/own_scene.jpg.
 """
 
 from __future__ import annotations
@@ -26,18 +26,24 @@ name: own scene
 seed: 2
 camera: {width_px: 480, height_px: 360, focal_px: 560}
 marker: {kind: disc, diameter_m: 0.09}
-pose: {distance_m: 0.95, tilt_deg: 55, azimuth_deg: -90, roll_deg: 20, offset_y_px: 25}
+pose:
+  distance_m: {uniform: [0.7, 1.2]}
+  tilt_deg: {uniform: [40, 62]}
+  azimuth_deg: {uniform: [-115, -65]}
+  roll_deg: {uniform: [-30, 30]}
+  offset_x_px: {uniform: [-80, 80]}
+  offset_y_px: {uniform: [-10, 50]}
 sensor: {mosaic: rggb, curve: srgb}
 render: {background_error: 0.02}
 light:
   environment: 0.35
   lamps: [{position_m: [-0.7, -0.9, 0.3], size_m: 0.2, radiance: 25}]
 world: WORLD
-frames: 1
+frames: FRAMES
 """
 WORLDS = {
-    "scene": "{scene: table.glb, sheet_thickness_m: 0.002}",
-    "pictures": "{pictures: walls, picture_m: 1.2}",
+    "scene": ("{scene: table.glb, sheet_thickness_m: 0.002}", 4),
+    "pictures": ("{pictures: walls, picture_m: 1.2}", 2),
 }
 
 
@@ -99,11 +105,15 @@ def main(folder: Path) -> None:
     for i in range(2):
         wood(10 + i).save(folder / "walls" / f"{i}.png")
     tiles = []
-    for name, world in WORLDS.items():
-        (folder / f"{name}.yaml").write_text(STUDY.replace("WORLD", world), encoding="utf-8")
+    for name, (world, frames) in WORLDS.items():
+        text = STUDY.replace("WORLD", world).replace("FRAMES", str(frames))
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
         render_study(folder / f"{name}.yaml", folder / name)
-        tiles.append(open_images(folder / name).image(0))
-    Image.fromarray(np.concatenate(tiles, axis=1)).save(HERE / "own_scene.jpg", quality=80, optimize=True)
+        images = open_images(folder / name)
+        tiles += [images.image(i) for i in range(frames)]
+    rows = [np.concatenate(tiles[i : i + 3], axis=1) for i in (0, 3)]
+    page = Image.fromarray(np.concatenate(rows))
+    page.resize((page.width * 3 // 4, page.height * 3 // 4)).save(HERE / "own_scene.jpg", quality=85, optimize=True)
 
 
 if __name__ == "__main__":
