@@ -94,7 +94,7 @@ def test_order_has_the_derivatives_of_the_cone(pose, distance):
     if normal @ centre > -0.3 * distance:
         return
     observation = exact_sighting(normal, centre)
-    if angle_deg(*observation.normal) < 15:  # nearly one solution: the cone's steps then are no longer small
+    if angle_deg(*observation.normal) < 20:  # nearly one solution: the steps of 1e-4 are then no longer small beside it
         return
     cone = viewing_cone(observation)
     g, gradient, _ = _order(observation.ellipse, K)
