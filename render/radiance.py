@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from roundel.datasets.layout.radiance import REPLICATES
 from roundel.render.rays.rays import Optics, colour_index, optics_of, shoot
 from roundel.render.rays.sample_allocation import sample_map
-from roundel.render.rays.samples import counts_of
+from roundel.render.rays.samples import STRATIFIED, counts_of
 from roundel.render.scene.scene import build_scene, trace_built
 from roundel.render.scene.transport import is_plain, plain_scene, trace
 from roundel.scenes.markers.marker import Part
@@ -73,7 +73,6 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     import drjit as dr
 
     shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), _tracer(dr, mi, frame))
-    height, width = frame.camera.height_px, frame.camera.width_px
     parts = tuple((i, part) for i, view in enumerate(frame.views()) for part in view.sheet.parts)
 
     def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Placed, ...] = parts) -> Array32:
@@ -84,6 +83,8 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     plan = sample_map(frame)
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
     fewest = frame.settings.render.samples
+    if frame.surroundings is not None:
+        return _shaped(frame, parts, _by_eights(samples, lambda pixels, count: estimate(pixels, count, _PICTURE)))
     special = np.flatnonzero(samples != fewest)
     # Rendering a few extra pixels costs less than selecting all others.
     everywhere = len(special) < _FEW * len(samples)
@@ -95,7 +96,30 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     for count in np.unique(samples[special]):
         pixels = special[samples[special] == count]
         planes[:, pixels] = estimate(pixels, int(count), _PICTURE)
-    shaped = planes.reshape(len(planes), height, width)
+    return _shaped(frame, parts, planes)
+
+
+def _by_eights(samples: NDArray[np.int64], estimate: Callable[[NDArray[np.int64], int], Array32]) -> Array32:
+    """Estimates of all pixels of a world: fewer than 64 rays as several independent estimates of 8 rays each.
+
+    A launch in a world takes a tenth of a second beside its rays: all small counts share one, and its kernel.
+    """
+    few = samples < STRATIFIED
+    pixels, repeats = np.flatnonzero(few), samples[few] // REPLICATES
+    some = estimate(np.repeat(pixels, repeats), REPLICATES)
+    planes = np.zeros((len(some), len(samples)), dtype=np.float32)
+    if len(pixels):
+        planes[:, pixels] = np.add.reduceat(some, np.cumsum(repeats) - repeats, axis=1) / repeats
+        # The variance of a mean of independent estimates.
+        planes[1, pixels] /= repeats
+    for count in np.unique(samples[~few]):
+        pixels = np.flatnonzero(samples == count)
+        planes[:, pixels] = estimate(pixels, int(count))
+    return planes
+
+
+def _shaped(frame: Frame, parts: tuple[Placed, ...], planes: Array32) -> Radiance:
+    shaped = planes.reshape(len(planes), frame.camera.height_px, frame.camera.width_px)
     coverage = {part.marker_id: shaped[3 + i] for i, (_, part) in enumerate(parts)}
     return Radiance(shaped[0], shaped[1], shaped[2], coverage)
 

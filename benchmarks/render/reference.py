@@ -59,11 +59,12 @@ def scene_numbers(frame: Frame) -> dict[str, Any]:
 
 def window_of(frame: Frame) -> tuple[int, int, int, int]:
     """Columns and rows (x0, y0, x1, y1) of a square around the disc."""
-    x, y = np.rint(_ellipse(frame)[:2]).astype(int)
+    x, y = np.rint(ellipse_of(frame)[:2]).astype(int)
     return int(x) - _WINDOW_PX, int(y) - _WINDOW_PX, int(x) + _WINDOW_PX, int(y) + _WINDOW_PX
 
 
-def _ellipse(frame: Frame) -> Array:
+def ellipse_of(frame: Frame) -> Array:
+    """Image of the disc: x, y, semi-axes in pixels, angle."""
     return ellipse_of_conic(_conic(frame))
 
 
@@ -73,12 +74,12 @@ def _conic(frame: Frame) -> Array:
     return conic_of_circle(frame.camera_from_part(part), part.radius_m, frame.camera.K)
 
 
-def coverage_of(frame: Frame) -> Array:
+def coverage_of(frame: Frame, window: tuple[int, int, int, int] | None = None) -> Array:
     """Fraction (H, W) of each pixel inside the disc's conic: exact chords along lines evenly across the pixel."""
     c = _conic(frame)
     height, width = frame.camera.height_px, frame.camera.width_px
     cover = np.zeros((height, width))
-    x0, y0, x1, y1 = window_of(frame)
+    x0, y0, x1, y1 = window or window_of(frame)
     left = np.arange(x0, x1) - 0.5
     for row in range(y0, y1):
         y = row - 0.5 + (np.arange(_LINES) + 0.5) / _LINES
@@ -125,7 +126,7 @@ def measure(frame: Frame, one: Array, other: Array) -> Measures:
     # Smooth light is a quadratic over the disc's neighbourhood: only this is fitted.
     x0, y0, x1, y1 = window_of(frame)
     sheet = np.zeros_like(edge)
-    sheet[y0:y1, x0:x1] = _on_sheet(frame, x0, y0, x1, y1)
+    sheet[y0:y1, x0:x1] = on_sheet(frame, x0, y0, x1, y1)
     rows, columns = np.nonzero(sheet)
     u, v = (columns - columns.mean()) / 50, (rows - rows.mean()) / 50
     light = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
@@ -173,7 +174,7 @@ def _inside_sheet(frame: Frame, x: Array, y: Array, margin_m: float) -> NDArray[
     return np.asarray((px > x0 + m) & (px < x1 - m) & (py > y0 + m) & (py < y1 - m), dtype=bool)
 
 
-def _on_sheet(frame: Frame, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.bool_]:
+def on_sheet(frame: Frame, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.bool_]:
     """Pixels of a window that are entirely on the sheet (3 mm is three pixels)."""
     x, y = np.meshgrid(np.arange(x0, x1, dtype=np.float64), np.arange(y0, y1, dtype=np.float64))
     return _inside_sheet(frame, x, y, 0.003)

@@ -22,22 +22,25 @@ from roundel.scenes.world.frame import Frame
 PILOT_SAMPLES = 64
 _LATTICE = 2
 # A world is noisy everywhere and alike over neighbours; its pilot is as dear as its picture.
-_WORLD_LATTICE = 4
+_WORLD_LATTICE = 5
 _LATTICE_SAMPLES = 8
 
 # Factors on the error allowed at the border of the sheet and in smooth areas, which are not marker edges.
 _BORDER_FACTOR, _SMOOTH_FACTOR = 4.0, 2.0
-_MOST_SMOOTH = 128
+_MOST_SMOOTH, _WORLD_MOST = 128, 64
 
 # Counts are rounded up to 8, 16, 24, 32, 48, 64, 96 and so on, all with 8 replicates.
 _TIERS = 8 * np.unique([1] + [m * 2**k for k in range(13) for m in (2, 3)])
+# In a world every count is a launch of several kernels: multiples of 8 below 64, which share one, and powers of two.
+STRATIFIED = 64
+_WORLD_TIERS = np.concatenate([np.arange(8, STRATIFIED, 8), STRATIFIED * 2 ** np.arange(11)])
 
 Estimate = Callable[[NDArray[np.int64], int], NDArray[np.float32]]
 
 
 def _has_structure(frame: Frame) -> bool:
     """Whether a frame may vary or be noisy away from the print's edges; the pilot then covers the whole frame."""
-    rough = not is_smooth(frame.sheet)
+    rough = not is_smooth(frame.sheet) or frame.settings.marker.surface.kind != "matte"
     barrel = np.isfinite(frame.camera.barrel_radius_m)
     return rough or barrel or not is_plain(frame) or spread_px(frame.camera)[1] > frame.settings.render.band_px
 
@@ -60,6 +63,7 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
     render, camera = frame.settings.render, frame.camera
     shape = camera.height_px, camera.width_px
     most = render.band_samples
+    tiers = _TIERS if frame.surroundings is None else _WORLD_TIERS
     counts = np.full(shape, render.samples, dtype=np.int64)
     if render.target_error == 0:
         counts[plan.border] = max(render.samples, most // 16)
@@ -85,10 +89,10 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
         for mask, factor in ((plan.edge, 1.0), (plan.border, _BORDER_FACTOR)):
             wanted = PILOT_SAMPLES * (steady[mask[window]] / (target2 * factor**2)) ** power
             counts[mask] = np.clip(
-                _tier(wanted), max(render.samples, min(PILOT_SAMPLES, most)), max(render.samples, most)
+                _tier(wanted, tiers), max(render.samples, min(PILOT_SAMPLES, most)), max(render.samples, most)
             )
         if _has_structure(frame):
-            elsewhere = _elsewhere(frame, estimate, _smooth_target(frame) * white)
+            elsewhere = _elsewhere(frame, estimate, _smooth_target(frame) * white, white)
             counts = np.where(near, counts, np.maximum(counts, elsewhere))
     return counts.ravel()
 
@@ -101,15 +105,22 @@ def _smooth_target(frame: Frame) -> float:
     return _SMOOTH_FACTOR * float(render.target_error)
 
 
-def _elsewhere(frame: Frame, estimate: Estimate, target: float) -> NDArray[np.int64]:
+def _elsewhere(frame: Frame, estimate: Estimate, target: float, white: float) -> NDArray[np.int64]:
     """Counts (H, W) from a thin pilot of the whole frame: shadows, highlights, clutter, the noise of a map."""
     height, width = frame.camera.height_px, frame.camera.width_px
+    fewest = frame.settings.render.samples
     step = _WORLD_LATTICE if frame.surroundings is not None else _LATTICE
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
     pixels = (rows[:, None] * width + columns).ravel()
-    _, variances = estimate(pixels, _LATTICE_SAMPLES).reshape(2, len(rows), len(columns)).astype(np.float64)
-    # One sample per replicate: smooth over 3 x 3 of the lattice, then dilate, so that no edge is missed between pilots.
-    variance = maximum_filter(uniform_filter(variances, 3), 3)
-    wanted = _LATTICE_SAMPLES * variance / target**2
-    counts = np.minimum(_tier(wanted), max(_MOST_SMOOTH, frame.settings.render.samples))
+    means, variances = estimate(pixels, _LATTICE_SAMPLES).reshape(2, len(rows), len(columns)).astype(np.float64)
+    # One sample per replicate: smooth over the lattice, then dilate, so that no edge is missed between pilots.
+    if frame.surroundings is None:
+        variance = maximum_filter(uniform_filter(variances, 3), 3)
+        counts = np.minimum(_tier(_LATTICE_SAMPLES * variance / target**2), max(_MOST_SMOOTH, fewest))
+    else:
+        # Rare bright paths make a variance of eight rays uncertain: it is the mean over 25 of them that is wanted. What
+        # is brighter than white may have the same noise relative to its own radiance: a sensor is saturated there.
+        bright = np.maximum(uniform_filter(means, 3) / white, 1.0)
+        ratio = uniform_filter(variances / (target * bright) ** 2, 5)
+        counts = np.minimum(_tier(_LATTICE_SAMPLES * ratio, _WORLD_TIERS), max(_WORLD_MOST, fewest))
     return np.repeat(np.repeat(counts, step, axis=0), step, axis=1)[:height, :width]

@@ -1,14 +1,14 @@
 """A frame as a Mitsuba scene: ink, materials, lights.
 
 bodies: Bodies, panels and the sheet of a world as Mitsuba shapes
+gloss: Gloss on a bare plane in closed form: what it reflects of a uniform sky, and of a lamp
 ink: The ink plugin: a Mitsuba texture that evaluates a sheet's shapes analytically, ray by ray
 ink_shapes: Coverage of ink, grain and clutter, traced by Dr.Jit in float32
 light_map: Environment maps: an OpenEXR or Radiance HDR file to a Mitsuba emitter, decoded once
 lights: Lights of a frame as Mitsuba emitters: constant environment, map, sun and sky, lamps
 materials: Materials for Mitsuba: the print under its gloss, and the occluders
 meshes: Bodies as triangles, with normals and texture coordinates at real scale
-paths: Light transport in a world: all lights are sampled where a ray first lands, then Mitsuba's path integrator
-    goes on
+paths: Light transport in a world: paths go on in waves, from one landing to the next
 scene: A frame as a Mitsuba scene: one plane with sheet and wall, lights, and occluders
 sheets: Sheets as Mitsuba shapes: flat ones, bent ones, and the wall behind them
 textures: Procedural textures at real scale: wood, cardboard, plaster, brick, concrete and fabric, as arrays of

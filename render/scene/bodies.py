@@ -10,7 +10,7 @@ from roundel.render.scene.lights import in_colour, spectrum
 from roundel.render.scene.materials import placed_opaquely
 from roundel.render.scene.meshes import mesh_of
 from roundel.render.scene.textures import TILE_M, texture
-from roundel.scenes.surroundings.bodies import Body, Material, Panel
+from roundel.scenes.surroundings.bodies import Body, Material, Panel, Surroundings, frame_on
 from roundel.scenes.world.lamps import LUMINANCE
 
 _GREY = (0.5, 0.5, 0.5)
@@ -76,3 +76,24 @@ def panel_shape(mi: Any, panel: Panel) -> Any:
             "emitter": {"type": "area", "radiance": spectrum(mi, panel.radiance, list(panel.colour))},
         },
     )
+
+
+def ambient_of(mi: Any, around: Surroundings) -> Any:
+    """A rough mean of the radiance that a room's bodies reflect (Spectrum); 0 without panels.
+
+    That of a closed room of reflectance a half: the flux of its panels over pi times its surface.
+    """
+    import drjit as dr
+
+    if not around.panels or not around.bodies:
+        return mi.Spectrum(0.0)
+    flux = sum((4 * p.half_m[0] * p.half_m[1] * p.radiance * np.asarray(p.colour) for p in around.panels), np.zeros(3))
+    corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
+    points = [np.zeros((1, 3))]
+    for body in around.bodies:
+        points.append((corners * body.half_m) @ body.camera_from_body[:3, :3].T + body.camera_from_body[:3, 3])
+    size = np.ptp(np.concatenate(points) @ np.stack([*frame_on(around.up, 0.0), around.up]).T, axis=0)
+    mean = flux / (2 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]))
+    if in_colour(mi):
+        return mi.Spectrum(*(dr.opaque(mi.Float, float(c)) for c in mean))
+    return mi.Spectrum(dr.opaque(mi.Float, float(mean @ np.asarray(LUMINANCE))))

@@ -14,10 +14,10 @@ import numpy as np
 from roundel.render.assets.meshes import mesh_shapes
 from roundel.render.assets.picture import wall_shape
 from roundel.render.assets.xml_scene import xml_shapes
-from roundel.render.scene.bodies import WITNESSES, panel_shape, shape_of
+from roundel.render.scene.bodies import WITNESSES, ambient_of, panel_shape, shape_of
 from roundel.render.scene.lights import emitters, unit_of, world_sky
 from roundel.render.scene.materials import occluders
-from roundel.render.scene.paths import radiance_along
+from roundel.render.scene.paths import Lit, first_landing, follow
 from roundel.render.scene.sheets import (
     WALL_DISTANCES,
     BuiltSheet,
@@ -43,7 +43,8 @@ class Built:
     """A frame as Mitsuba objects.
 
     `sheets` are in the order of the frame's views; of a single flat one on a wall, the shape is both. `unit` is the
-    radiance that equals 1 in the scene. In a world, `emitters` are sampled one by one.
+    radiance that equals 1 in the scene. In a world with few lamps `lit` is what paths of up to `bounces` reflections go
+    through, instead of the integrator.
     """
 
     mi: Any
@@ -51,7 +52,8 @@ class Built:
     integrator: Any
     sheets: tuple[BuiltSheet, ...]
     unit: Any
-    emitters: tuple[Any, ...] = ()
+    lit: Lit | None = None
+    bounces: int = 0
 
 
 def build_scene(mi: Any, frame: Frame) -> Built:
@@ -103,14 +105,16 @@ def _world(mi: Any, frame: Frame, around: Surroundings) -> Built:
         things[f"panel_{i}"] = panel_shape(mi, panel)
     things |= world_sky(mi, around) | _own(mi, frame, around)
     scene = mi.load_dict({"type": "scene", **shapes, **things, **occluders(mi, frame)})
-    # The first reflection is `radiance_along`'s own.
-    depth = max(frame.settings.render.bounces, WORLD_BOUNCES)
+    bounces = max(frame.settings.render.bounces, WORLD_BOUNCES)
+    unit = dr.opaque(mi.Float, unit_of(frame) if around.is_lit_by_the_study else 1.0)
     lights = tuple(scene.emitters())
-    many = len(lights) > _MOST_LOOKED_FOR
-    depth += many
-    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": depth + 1})
-    unit = unit_of(frame) if around.is_lit_by_the_study else 1.0
-    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, unit), () if many else lights)
+    if len(lights) > _MOST_LOOKED_FOR:
+        integrator = mi.load_dict({"type": "path", "max_depth": bounces + 1, "rr_depth": bounces + 2})
+        return Built(mi, scene, integrator, tuple(sheets), unit)
+    # What a user's scene is made of is not known here.
+    panes = around.scene is not None or any(body.material.kind == "glass" for body in around.bodies)
+    lit = Lit(mi, scene, lights, ambient_of(mi, around), panes)
+    return Built(mi, scene, None, tuple(sheets), unit, lit, bounces)
 
 
 def _own(mi: Any, frame: Frame, around: Surroundings) -> dict[str, Any]:
@@ -126,7 +130,7 @@ def _own(mi: Any, frame: Frame, around: Surroundings) -> dict[str, Any]:
 
 
 def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
-    """Radiance along rays, by Mitsuba's integrator.
+    """Radiance along rays, by one of Mitsuba's integrators, or in a world by `roundel.render.scene.paths`.
 
     Returns
     -------
@@ -139,14 +143,23 @@ def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tu
     """
     import drjit as dr
 
-    if built.emitters:
-        radiance, hit = radiance_along(built.mi, built.scene, built.integrator, built.emitters, sampler, ray)
-    else:
+    if built.lit is None:
         radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
-        hit = built.scene.ray_intersect(ray)
+        return radiance * built.unit, *_seen(built, built.scene.ray_intersect(ray))
+    first = first_landing(built.lit, sampler, ray)
+    seen = _seen(built, first.hit)
+    # With the first wave: later, all rays would be traced again.
+    dr.schedule(seen)
+    return follow(built.lit, first, built.bounces) * built.unit, *seen
+
+
+def _seen(built: Built, hit: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
+    """Depth of what rays meet first; for each sheet, whether it is that, and where on its paper."""
+    import drjit as dr
+
     valid = hit.is_valid()
     sheets = [(valid & (hit.shape == sheet.pointer), *sheet.texture.on_paper(hit)) for sheet in built.sheets]
-    return radiance * built.unit, dr.select(valid, hit.p.z, 0.0), sheets
+    return dr.select(valid, hit.p.z, 0.0), sheets
 
 
 def _integrator(frame: Frame) -> dict[str, Any]:

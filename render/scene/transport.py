@@ -1,9 +1,10 @@
-"""Light transport on an unoccluded matte sheet in closed form, without ray intersection.
+"""Light transport on an unoccluded sheet in closed form, without ray intersection.
 
-A frame is plain if a matte sheet is lit by a sky and lamps, with nothing in between. The hit of a ray with the plane is
-then one division. A sky illuminates the whole plane uniformly, so its irradiance is computed once. A lamp is a luminous
-hole in a constant sky, sampled over its area (Shirley, Wang and Zimmerman 1996) minus the sky's radiance. All other
-frames use Mitsuba's integrators, and tests compare the two.
+A frame is plain if a matte sheet is lit by a sky and lamps, with nothing in between, or a glossy one under a uniform
+sky (`roundel.render.scene.gloss`). The hit of a ray with the plane is then one division. A sky illuminates the whole
+plane uniformly, so its irradiance is computed once. A lamp is a luminous hole in a constant sky, sampled over its area
+(Shirley, Wang and Zimmerman 1996) minus the sky's radiance. All other frames use Mitsuba's integrators, and tests
+compare the two.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.render.scene import ink
+from roundel.render.scene.gloss import Gloss, gloss_of, glossy_light
 from roundel.render.scene.lights import environment_of, in_colour, unit_of
 from roundel.render.scene.sheets import WALL_DISTANCES
 from roundel.scenes.camera.model import project, ray_direction
@@ -51,7 +53,8 @@ class PlainScene:
     """A sheet in front of a wall under sky and lamps, as values of the tracer.
 
     `sky` is the constant sky's radiance, `lit` the radiance that a white plane reflects of its sky; `beyond` is the
-    emitter that rays hit past the wall's end, None if they all hit the wall or the sky is constant.
+    emitter that rays hit past the wall's end, None if they all hit the wall or the sky is constant. `gloss` is None on
+    a matte sheet.
     """
 
     texture: Any
@@ -62,6 +65,7 @@ class PlainScene:
     lit: Any
     beyond: Any
     lamps: tuple[Lamp, ...]
+    gloss: Gloss | None = None
 
 
 def _lamp_is_seen(frame: Frame, lamp: AreaLampSection) -> bool:
@@ -77,17 +81,18 @@ def _lamp_is_seen(frame: Frame, lamp: AreaLampSection) -> bool:
 def is_plain(frame: Frame) -> bool:
     """Whether a frame's light transport has the closed form."""
     light = frame.settings.light
+    is_matte, is_uniform = frame.settings.marker.surface.kind == "matte", light.map is None and light.sky is None
     areas = [lamp for lamp in light.lamps if isinstance(lamp, AreaLampSection)]
     return (
         frame.on_wall
-        and frame.settings.marker.surface.kind == "matte"
+        and (is_matte or is_uniform)
         and frame.settings.render.bounces == 1
         and not frame.settings.occluders
         and all(isinstance(lamp, AreaLampSection | PointLampSection) for lamp in light.lamps)
         # Two lamps may occlude each other, or one a point light.
         and not (areas and len(light.lamps) > 1)
         # A lamp in front of a non-uniform sky would hide varying radiance.
-        and not (areas and (light.map is not None or light.sky is not None))
+        and not (areas and not is_uniform)
         and not any(_lamp_is_seen(frame, lamp) for lamp in areas)
     )
 
@@ -124,7 +129,7 @@ def plain_scene(dr: Any, mi: Any, frame: Frame) -> PlainScene:
                 spectrum(lamp.colour, strength),
             )
         )
-    light = frame.settings.light
+    light, surface = frame.settings.light, frame.settings.marker.surface
     if light.map is None and light.sky is None:
         sky = lit = spectrum(light.environment_colour, light.environment)
         beyond = None
@@ -141,6 +146,7 @@ def plain_scene(dr: Any, mi: Any, frame: Frame) -> PlainScene:
         lit,
         beyond,
         tuple(lamps),
+        None if surface.kind == "matte" else gloss_of(mi, surface, texture),
     )
 
 
@@ -197,6 +203,19 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
     # One face of the plane is printed; the other reflects nothing.
     on_plane = (distance > 0) & (dr.abs(x) < scene.half) & (dr.abs(y) < scene.half)
     printed = dr.dot(ray.d, scene.normal) < 0
+    reflectance = scene.texture.reflectance_at(x, y)
+    if scene.gloss is None:
+        reflected = _arriving(dr, mi, scene, sampler, hit) * reflectance
+    else:
+        reflected = glossy_light(
+            dr, mi, scene.gloss, scene.normal, scene.sky, scene.lamps, reflectance, sampler, hit, ray
+        )
+    radiance = dr.select(on_plane, dr.select(printed, reflected, mi.Spectrum(0.0)), _past_the_wall(dr, mi, scene, ray))
+    return radiance, dr.select(on_plane, hit.z, 0.0), [(on_plane, x, y)]
+
+
+def _arriving(dr: Any, mi: Any, scene: PlainScene, sampler: Any, hit: Any) -> Any:
+    """Radiance (Spectrum) that a white matte plane would reflect."""
     arriving = scene.lit
     for lamp in scene.lamps:
         if lamp.area is None:
@@ -213,6 +232,4 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
         # The back of a lamp is black and hides the sky, like its front.
         shown = dr.select(facing > 0, lamp.light, mi.Spectrum(0.0)) - scene.sky
         arriving = arriving + shown * (geometry * dr.inv_pi)
-    reflected = arriving * scene.texture.reflectance_at(x, y)
-    radiance = dr.select(on_plane, dr.select(printed, reflected, mi.Spectrum(0.0)), _past_the_wall(dr, mi, scene, ray))
-    return radiance, dr.select(on_plane, hit.z, 0.0), [(on_plane, x, y)]
+    return arriving

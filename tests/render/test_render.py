@@ -201,15 +201,15 @@ def test_a_point_lamp_in_closed_form_agrees_with_mitsubas(mi, tmp_path: Path, mo
 @pytest.mark.parametrize(
     "edit",
     [
-        "marker: {surface: {kind: plastic}, ",
+        "light: {sky: {}}\nmarker: {surface: {kind: plastic}, ",
         "occluders: [{z_m: 0.1, x_m: 0.1, width_m: 0.02}]\nmarker: {",
         "light: {environment: 1, lamps: [{position_m: [0.1, 0, 0.5], size_m: 0.1, radiance: 1}]}\nmarker: {",
     ],
-    ids=["gloss", "occluder", "lamp in the picture"],
+    ids=["gloss under a sky", "occluder", "lamp in the picture"],
 )
 def test_what_the_closed_form_cannot_do_goes_through_mitsuba(tmp_path: Path, edit) -> None:
     edits = [("marker: {", edit)]
-    if "lamps" in edit:
+    if "light" in edit:
         edits.append((SMALL_LIGHT, ""))
     assert not is_plain(frame_of(small_study(tmp_path, *edits), 0))
     assert is_plain(frame_of(small_study(tmp_path, name="plain.yaml"), 0))
