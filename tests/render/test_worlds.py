@@ -113,7 +113,7 @@ def test_paths_agree_with_mitsubas_integrator(mi, tmp_path: Path, world: str) ->
     built = build_scene(mi, frame)
     assert built.bounces == WORLD_BOUNCES
     depth = WORLD_BOUNCES + 1
-    plain = replace(built, integrator=mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 99}))
+    plain = replace(built, lit=None, integrator=mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 99}))
     found = [measure(mi, frame, built, 64), measure(mi, frame, plain, 256)]
     means, variances = zip(*found, strict=True)
     # 2,000 pixels, each of whose means has an error known from its replicates: by different random numbers all agree
@@ -130,7 +130,9 @@ def test_paths_count_every_reflection_asked_for(mi, tmp_path: Path) -> None:
     built = build_scene(mi, frame)
     for bounces in (1, 2):
         one = replace(built, bounces=bounces)
-        plain = replace(built, integrator=mi.load_dict({"type": "path", "max_depth": bounces + 1, "rr_depth": 99}))
+        plain = replace(
+            built, lit=None, integrator=mi.load_dict({"type": "path", "max_depth": bounces + 1, "rr_depth": 99})
+        )
         (a, var_a), (b, var_b) = measure(mi, frame, one, 64), measure(mi, frame, plain, 256)
         assert abs(a.mean() - b.mean()) < 3 * np.sqrt(var_a.sum() + var_b.sum()) / len(a)
 
