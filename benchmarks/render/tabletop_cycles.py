@@ -37,6 +37,8 @@ THREADS = 2
 MOST_PX, LEAST_TIMES = 0.02, 5.0
 # Half width of the band around the contour, and of the window around the ink, in pixels.
 _BAND, _AROUND = 2, 12
+# Residuals of the fitted light beyond this many medians are left out.
+_FAR = 8.0
 
 
 def kind_of(made: Material) -> str:
@@ -120,7 +122,12 @@ def measured(frame: Frame, image: Array) -> dict[str, float]:
     cut = (cover > 0) & (cover < 1)
     band = binary_dilation(cut, iterations=_BAND)
     plain = sheet & ~band
-    solution, *_ = np.linalg.lstsq(terms[plain] * theory[plain][:, None], seen[plain], rcond=None)
+    design, values = terms[plain] * theory[plain][:, None], seen[plain]
+    solution, *_ = np.linalg.lstsq(design, values, rcond=None)
+    # Rare bright paths would draw the light toward them: once more without what is far from it.
+    left = np.abs(values - design @ solution)
+    near = left < _FAR * np.median(left)
+    solution, *_ = np.linalg.lstsq(design[near], values[near], rcond=None)
     light = terms @ solution
     found = (seen / light - paper) / (ink - paper)
     left = np.where(band & sheet, found - cover, 0.0)
