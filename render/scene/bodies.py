@@ -86,7 +86,8 @@ def ambient_of(mi: Any, around: Surroundings) -> Any:
     import drjit as dr
 
     if not around.panels or not around.bodies:
-        return mi.Spectrum(0.0)
+        # Opaque like any other value: Dr.Jit gives a constant the size of its first use, which is not that of the next.
+        return mi.Spectrum(dr.opaque(mi.Float, 0.0))
     flux = sum((4 * p.half_m[0] * p.half_m[1] * p.radiance * np.asarray(p.colour) for p in around.panels), np.zeros(3))
     corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
     points = [np.zeros((1, 3))]
