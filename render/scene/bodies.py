@@ -78,23 +78,23 @@ def panel_shape(mi: Any, panel: Panel) -> Any:
     )
 
 
-def ambient_of(mi: Any, around: Surroundings) -> Any:
-    """A rough mean of the radiance that a room's bodies reflect (Spectrum); 0 without panels.
+def ambient_of(mi: Any, around: Surroundings, sky: Any) -> Any:
+    """A rough mean of the radiance around (Spectrum): of a room with panels, else of a uniform sky (r, g, b).
 
-    That of a closed room of reflectance a half: the flux of its panels over pi times its surface.
+    A closed room of reflectance a half has the flux of its panels over pi times its surface.
     """
     import drjit as dr
 
-    if not around.panels or not around.bodies:
-        # Opaque like any other value: Dr.Jit gives a constant the size of its first use, which is not that of the next.
-        return mi.Spectrum(dr.opaque(mi.Float, 0.0))
-    flux = sum((4 * p.half_m[0] * p.half_m[1] * p.radiance * np.asarray(p.colour) for p in around.panels), np.zeros(3))
-    corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
-    points = [np.zeros((1, 3))]
-    for body in around.bodies:
-        points.append((corners * body.half_m) @ body.camera_from_body[:3, :3].T + body.camera_from_body[:3, 3])
-    size = np.ptp(np.concatenate(points) @ np.stack([*frame_on(around.up, 0.0), around.up]).T, axis=0)
-    mean = flux / (2 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]))
+    mean = np.asarray(sky, dtype=np.float64)
+    if around.panels and around.bodies:
+        flux = sum((4 * p.half_m[0] * p.half_m[1] * p.radiance * np.asarray(p.colour) for p in around.panels), 0 * mean)
+        corners = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]]), axis=-1).reshape(-1, 3)
+        points = [np.zeros((1, 3))]
+        for body in around.bodies:
+            points.append((corners * body.half_m) @ body.camera_from_body[:3, :3].T + body.camera_from_body[:3, 3])
+        size = np.ptp(np.concatenate(points) @ np.stack([*frame_on(around.up, 0.0), around.up]).T, axis=0)
+        mean = flux / (2 * (size[0] * size[1] + size[1] * size[2] + size[2] * size[0]))
+    # Opaque even if 0: Dr.Jit gives a constant the size of its first use, which is not that of the next.
     if in_colour(mi):
         return mi.Spectrum(*(dr.opaque(mi.Float, float(c)) for c in mean))
     return mi.Spectrum(dr.opaque(mi.Float, float(mean @ np.asarray(LUMINANCE))))

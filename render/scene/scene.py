@@ -113,7 +113,10 @@ def _world(mi: Any, frame: Frame, around: Surroundings) -> Built:
         return Built(mi, scene, integrator, tuple(sheets), unit)
     # What a user's scene is made of is not known here.
     panes = around.scene is not None or any(body.material.kind == "glass" for body in around.bodies)
-    lit = Lit(mi, scene, lights, ambient_of(mi, around), panes)
+    light = frame.settings.light
+    uniform = around.is_lit_by_the_study and light.map is None and light.sky is None
+    sky = light.environment * np.asarray(light.environment_colour) if uniform else np.zeros(3)
+    lit = Lit(mi, scene, lights, ambient_of(mi, around, sky), panes)
     return Built(mi, scene, None, tuple(sheets), unit, lit, bounces)
 
 
