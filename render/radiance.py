@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from roundel.datasets.layout.radiance import REPLICATES
 from roundel.render.rays.rays import Optics, colour_index, optics_of, shoot
 from roundel.render.rays.sample_allocation import sample_map
-from roundel.render.rays.samples import STRATIFIED, counts_of
+from roundel.render.rays.samples import GROUP, STRATIFIED, counts_of
 from roundel.render.scene.scene import build_scene, trace_built
 from roundel.render.scene.transport import is_plain, plain_scene, trace
 from roundel.scenes.markers.marker import Part
@@ -84,7 +84,7 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
     fewest = frame.settings.render.samples
     if frame.surroundings is not None:
-        return _shaped(frame, parts, _by_eights(samples, lambda pixels, count: estimate(pixels, count, _PICTURE)))
+        return _shaped(frame, parts, _in_groups(samples, lambda pixels, count: estimate(pixels, count, _PICTURE)))
     special = np.flatnonzero(samples != fewest)
     # Rendering a few extra pixels costs less than selecting all others.
     everywhere = len(special) < _FEW * len(samples)
@@ -99,14 +99,14 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     return _shaped(frame, parts, planes)
 
 
-def _by_eights(samples: NDArray[np.int64], estimate: Callable[[NDArray[np.int64], int], Array32]) -> Array32:
-    """Estimates of all pixels of a world: fewer than 64 rays as several independent estimates of 8 rays each.
+def _in_groups(samples: NDArray[np.int64], estimate: Callable[[NDArray[np.int64], int], Array32]) -> Array32:
+    """Estimates of all pixels of a world: fewer than 64 rays as several independent estimates of 4 rays each.
 
     A launch in a world takes a tenth of a second beside its rays: all small counts share one, and its kernel.
     """
     few = samples < STRATIFIED
-    pixels, repeats = np.flatnonzero(few), samples[few] // REPLICATES
-    some = estimate(np.repeat(pixels, repeats), REPLICATES)
+    pixels, repeats = np.flatnonzero(few), samples[few] // GROUP
+    some = estimate(np.repeat(pixels, repeats), GROUP)
     planes = np.zeros((len(some), len(samples)), dtype=np.float32)
     if len(pixels):
         planes[:, pixels] = np.add.reduceat(some, np.cumsum(repeats) - repeats, axis=1) / repeats
@@ -140,20 +140,25 @@ def _multijitter_count(samples: int) -> int:
 
 def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, parts: tuple[Placed, ...]) -> Array32:
     """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
-    per_replicate = _multijitter_count(samples // REPLICATES)
-    per_chunk = max(1, _CHUNK // (per_replicate * REPLICATES))
+    replicates = min(REPLICATES, samples)
+    per_replicate = _multijitter_count(samples // replicates)
+    per_chunk = max(1, _CHUNK // (per_replicate * replicates))
     out = []
     for i, start in enumerate(range(0, len(pixels), per_chunk)):
         chunk = pixels[start : start + per_chunk]
-        out.append(_chunk(shot, chunk, per_replicate, (seed + i) & 0xFFFFFFFF, parts))
+        out.append(_chunk(shot, chunk, (replicates, per_replicate), (seed + i) & 0xFFFFFFFF, parts))
     if len(out) == 1:
         return out[0]
     return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
 
 
-def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int, parts: tuple[Placed, ...]) -> Array32:
+def _chunk(
+    shot: _Shot, pixels: NDArray[np.int64], counts: tuple[int, int], seed: int, parts: tuple[Placed, ...]
+) -> Array32:
+    """Estimates from so many replicates of so many rays each."""
     dr, mi, frame = shot.dr, shot.mi, shot.frame
-    samples = per_replicate * REPLICATES
+    replicates, per_replicate = counts
+    samples = per_replicate * replicates
     rays = len(pixels) * samples
     # A single sample cannot be stratified.
     kind = "multijitter" if per_replicate > 1 else "independent"
@@ -175,8 +180,8 @@ def _chunk(shot: _Shot, pixels: NDArray[np.int64], per_replicate: int, seed: int
     # Evaluated together; otherwise each sum would trace all rays again.
     dr.eval(quantities)
     mean, *others = (dr.block_sum(q, samples) / samples for q in quantities)
-    scatter = dr.block_sum(quantities[0], per_replicate) / per_replicate - dr.repeat(mean, REPLICATES)
-    variance = dr.block_sum(dr.square(scatter), REPLICATES) / (REPLICATES * (REPLICATES - 1))
+    scatter = dr.block_sum(quantities[0], per_replicate) / per_replicate - dr.repeat(mean, replicates)
+    variance = dr.block_sum(dr.square(scatter), replicates) / (replicates * (replicates - 1))
     return np.stack([np.array(plane, dtype=np.float32) for plane in (mean, variance, *others)])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, uniform_filter
 
+from roundel.datasets.layout.radiance import REPLICATES
 from roundel.render.rays.sample_allocation import SampleMap, window_of
 from roundel.render.scene.transport import is_plain
 from roundel.scenes.camera.airy import spread_px
@@ -31,9 +32,9 @@ _MOST_SMOOTH, _WORLD_MOST = 128, 64
 
 # Counts are rounded up to 8, 16, 24, 32, 48, 64, 96 and so on, all with 8 replicates.
 _TIERS = 8 * np.unique([1] + [m * 2**k for k in range(13) for m in (2, 3)])
-# In a world every count is a launch of several kernels: multiples of 8 below 64, which share one, and powers of two.
-STRATIFIED = 64
-_WORLD_TIERS = np.concatenate([np.arange(8, STRATIFIED, 8), STRATIFIED * 2 ** np.arange(11)])
+# In a world every count is a launch of several kernels: multiples of 4 below 64, which share one, and powers of two.
+GROUP, STRATIFIED = 4, 64
+_WORLD_TIERS = np.concatenate([np.arange(GROUP, STRATIFIED, GROUP), STRATIFIED * 2 ** np.arange(11)])
 
 Estimate = Callable[[NDArray[np.int64], int], NDArray[np.float32]]
 
@@ -64,7 +65,7 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
     shape = camera.height_px, camera.width_px
     most = render.band_samples
     tiers = _TIERS if frame.surroundings is None else _WORLD_TIERS
-    counts = np.full(shape, render.samples, dtype=np.int64)
+    counts = np.full(shape, _fewest(frame), dtype=np.int64)
     if render.target_error == 0:
         counts[plan.border] = max(render.samples, most // 16)
         counts[plan.edge] = max(render.samples, most)
@@ -97,6 +98,12 @@ def counts_of(frame: Frame, plan: SampleMap, estimate: Estimate) -> NDArray[np.i
     return counts.ravel()
 
 
+def _fewest(frame: Frame) -> int:
+    """Rays of a smooth pixel: `render.samples`; in a world a group, if the study asks for no more than the least."""
+    samples = frame.settings.render.samples
+    return GROUP if frame.surroundings is not None and samples == REPLICATES else samples
+
+
 def _smooth_target(frame: Frame) -> float:
     """Standard error wanted away from edges, as a fraction of white."""
     render = frame.settings.render
@@ -108,7 +115,7 @@ def _smooth_target(frame: Frame) -> float:
 def _elsewhere(frame: Frame, estimate: Estimate, target: float, white: float) -> NDArray[np.int64]:
     """Counts (H, W) from a thin pilot of the whole frame: shadows, highlights, clutter, the noise of a map."""
     height, width = frame.camera.height_px, frame.camera.width_px
-    fewest = frame.settings.render.samples
+    fewest = _fewest(frame)
     step = _WORLD_LATTICE if frame.surroundings is not None else _LATTICE
     rows, columns = np.arange(0, height, step), np.arange(0, width, step)
     pixels = (rows[:, None] * width + columns).ravel()
