@@ -118,7 +118,8 @@ def follow(lit: Lit, first: FirstLanding, bounces: int) -> Any:
         dr.eval(radiance, alive, *path.parts)
         chosen = dr.compress(alive)
         index = dr.gather(mi.UInt32, index, chosen)
-    return radiance
+    # A guess given back may leave some 1e-8 below zero, by rounding.
+    return dr.maximum(radiance, 0.0)
 
 
 def _wave(lit: Lit, sampler: Any, path: Path, found: Any, reflects: Any) -> tuple[Any, Path, Any]:

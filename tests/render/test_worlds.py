@@ -39,6 +39,7 @@ def _on_sheet(frame):
 def test_the_sheet_is_where_the_pose_says(mi, tmp_path: Path, world: str) -> None:
     frame = frame_of(world_study(tmp_path, world), 1)
     radiance = render_radiance(mi, frame)
+    assert radiance.mean.min() >= 0
     part = frame.sheet.parts[0]
     ellipse = ellipse_of_conic(conic_of_circle(frame.camera_from_part(part), part.radius_m, frame.camera.K))
     # Nothing hides the disc: its coverage is the area of its ellipse. Pixels of the edge have 64 rays or more each.
