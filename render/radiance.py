@@ -84,7 +84,10 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
     samples = counts_of(frame, plan, lambda pixels, count: estimate(pixels, count, _PILOT, ())[:2])
     fewest = frame.settings.render.samples
     if frame.surroundings is not None:
-        return _shaped(frame, parts, _in_groups(samples, lambda pixels, count: estimate(pixels, count, _PICTURE)))
+        planes = _in_groups(samples, lambda pixels, count: estimate(pixels, count, _PICTURE))
+        # Waves have another size each time: Dr.Jit would keep memory for all of them.
+        dr.flush_malloc_cache()
+        return _shaped(frame, parts, planes)
     special = np.flatnonzero(samples != fewest)
     # Rendering a few extra pixels costs less than selecting all others.
     everywhere = len(special) < _FEW * len(samples)
