@@ -12,8 +12,8 @@ from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges,
 _PLAIN_RAYS_A_SECOND = 17e6
 _RAYS_A_SECOND = 4e6
 # Paths in a world, and how many a pixel takes there on average at the default background error.
-_PATHS_A_SECOND = 1.1e6
-_PATHS_A_PIXEL = 16
+_PATHS_A_SECOND = 1.3e6
+_PATHS_A_PIXEL = 12
 _SECONDS_A_FRAME = 0.4
 
 # Average rays per pixel of the edge band, pilot included; the real number depends on the pilot, which is not run here.
