@@ -49,9 +49,9 @@ def test_the_sheet_is_where_the_pose_says(mi, tmp_path: Path, world: str) -> Non
     rays = ray_direction(frame.camera, np.column_stack([columns, rows]).astype(float))
     pose = frame.camera_from_sheet
     distance = (pose[:3, 3] @ pose[:3, 2]) / (rays @ pose[:3, 2])
-    # A pixel's depth is the mean over eight rays or more within it; from one pixel to the next it changes by 0.1 %.
+    # A pixel's depth is the mean over four rays or more within it; from one pixel to the next it changes by 0.2 %.
     ratio = radiance.depth_m[inside] / (rays[:, 2] * distance)
-    np.testing.assert_allclose(ratio, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(ratio, 1.0, rtol=2e-3)
     assert ratio.mean() == pytest.approx(1.0, abs=1e-4)
     # Ink and paper are lit alike: their radiances have the ratio of their reflectances, within the Monte-Carlo noise.
     paper = _on_sheet(frame) & (radiance.coverage[0] == 0)
@@ -157,7 +157,8 @@ def test_fidelity_is_measured_in_a_world(mi, tmp_path: Path, world: str, index: 
     assert found["shift_se_px"] < 0.006
     assert abs(found["shift_x_px"]) < 4 * found["shift_se_px"]
     assert abs(found["shift_y_px"]) < 4 * found["shift_se_px"]
-    assert found["chi2_left"] == pytest.approx(1.0, abs=0.5)
+    # Above 1.6 the edge of a shadow would be named; noise alone has 1.
+    assert 0.5 < found["chi2_left"] < 1.6
     # A renderer that were 0.05 px off would be found.
     k = frame.camera.K.copy()
     k[0, 2] -= 0.05
