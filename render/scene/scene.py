@@ -15,6 +15,7 @@ from roundel.render.assets.meshes import mesh_shapes
 from roundel.render.assets.picture import wall_shape
 from roundel.render.assets.xml_scene import xml_shapes
 from roundel.render.scene.bodies import WITNESSES, ambient_of, panel_shape, shape_of
+from roundel.render.scene.direct import DirectLight, direct_light, direct_radiance, has_direct_light
 from roundel.render.scene.lights import emitters, unit_of, world_sky
 from roundel.render.scene.materials import occluders
 from roundel.render.scene.paths import Lit, first_landing, follow
@@ -54,6 +55,7 @@ class Built:
     unit: Any
     lit: Lit | None = None
     bounces: int = 0
+    direct: DirectLight | None = None
 
 
 def build_scene(mi: Any, frame: Frame) -> Built:
@@ -80,8 +82,10 @@ def build_scene(mi: Any, frame: Frame) -> Built:
         sheets = [built_sheet(mi, view, f"sheet_{i}") for i, view in enumerate(frame.views())]
         shapes = {f"sheet_{i}": built.shape for i, built in enumerate(sheets)} | {"wall": wall_behind(mi, frame)}
     scene = mi.load_dict({"type": "scene", **shapes, **occluders(mi, frame), **emitters(mi, frame)})
-    integrator = mi.load_dict(_integrator(frame))
-    return Built(mi, scene, integrator, tuple(sheets), dr.opaque(mi.Float, unit_of(frame)))
+    unit = dr.opaque(mi.Float, unit_of(frame))
+    if has_direct_light(frame):
+        return Built(mi, scene, None, tuple(sheets), unit, direct=direct_light(mi, scene))
+    return Built(mi, scene, mi.load_dict(_integrator(frame)), tuple(sheets), unit)
 
 
 def _world(mi: Any, frame: Frame, around: Surroundings) -> Built:
@@ -146,6 +150,9 @@ def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tu
     """
     import drjit as dr
 
+    if built.direct is not None:
+        radiance, hit = direct_radiance(built.mi, built.scene, built.direct, sampler, ray)
+        return radiance * built.unit, *_seen(built, hit)
     if built.lit is None:
         radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
         return radiance * built.unit, *_seen(built, built.scene.ray_intersect(ray))
