@@ -21,7 +21,7 @@ from roundel.scenes.study.marker_section import Marker
 from roundel.scenes.study.pose_section import PoseSection
 from roundel.scenes.study.schema import GroupSection
 from roundel.scenes.study.values import Spread
-from roundel.scenes.world.placement import Fail, border_points, part_outline, placed
+from roundel.scenes.world.placement import Fail, border_points, faces_camera, part_outline, placed
 from roundel.scenes.world.sheets import sheet_of
 
 Array = NDArray[np.float64]
@@ -164,8 +164,7 @@ def _inside(own: PlacedSheet, camera: Camera) -> bool:
     """Whether every part faces the camera and is imaged inside the image."""
     for part in own.sheet.parts:
         points = transform_points(own.camera_from_sheet, part_outline(own.sheet, part, 32))
-        facing = own.camera_from_sheet[:3, 2] @ points.mean(axis=0) < 0
-        if points[:, 2].min() <= 0 or not facing:
+        if points[:, 2].min() <= 0 or not faces_camera(own.sheet, own.camera_from_sheet, part):
             return False
         px = project(camera, points)
         low, high = _INSIDE_PX - 0.5, np.array([camera.width_px, camera.height_px]) - 0.5 - _INSIDE_PX

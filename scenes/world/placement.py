@@ -107,7 +107,7 @@ def check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
         raise fail(f"pose: marker {part.marker_id} reaches behind the camera; move it away or tilt it less", "pose")
     if pose[:3, 2] @ pose[:3, 3] >= 0:
         raise fail(f"pose: marker {part.marker_id} faces away from the camera; tilt it less", "pose", "tilt_deg")
-    if frame.sheet.curve is not None and not _all_seen(frame, part, outline):
+    if not faces_camera(frame.sheet, frame.camera_from_sheet, part):
         raise fail(
             f"marker.surface.radius_m: marker {part.marker_id} is bent out of the camera's sight; give a larger radius "
             "or a smaller marker, or tilt it less",
@@ -126,16 +126,15 @@ def check_in_view(frame: Frame, part: Part, fail: Fail) -> None:
         raise fail(f"pose: the outline of marker {part.marker_id} lies outside the image", "pose")
 
 
-def _all_seen(frame: Frame, part: Part, outline: Array) -> bool:
-    """Whether the printed face looks at the camera all along a part's outline (n, 3), camera frame.
+def faces_camera(sheet: Sheet, camera_from_sheet: Array, part: Part) -> bool:
+    """Whether the printed face looks at the camera all along a part's outline.
 
     A cylinder then hides nothing of the part; a wave may, so that all of its paper must look there.
     """
-    sheet, pose = frame.sheet, frame.camera_from_sheet
-    flat = part_outline(replace(sheet, curve=None), part, len(outline))[:, :2]
+    flat = part_outline(replace(sheet, curve=None), part, 64)[:, :2]
     if sheet.curve is not None and sheet.curve.kind == "bent":
         x, y = (np.linspace(low, high, 65) for low, high in zip(sheet.low_m, sheet.high_m, strict=True))
         flat = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        outline = transform_points(pose, lifted(sheet.curve, flat[:, 0], flat[:, 1]))
-    outward = normals(sheet.curve, flat[:, 0], flat[:, 1]) @ pose[:3, :3].T
-    return bool((np.einsum("ij,ij->i", outward, outline) < 0).all())
+    points = transform_points(camera_from_sheet, lifted(sheet.curve, flat[:, 0], flat[:, 1]))
+    outward = normals(sheet.curve, flat[:, 0], flat[:, 1]) @ camera_from_sheet[:3, :3].T
+    return bool((np.einsum("ij,ij->i", outward, points) < 0).all())

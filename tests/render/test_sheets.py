@@ -59,14 +59,15 @@ def test_all_markers_of_a_crowd_are_where_the_truth_says(mi, tmp_path: Path) -> 
         for name in ("shift_x_px", "shift_y_px", "scale_px"):
             assert abs(one[name]) < 5 * one["shift_se_px"] + 1e-3, name
     # A shift of a twentieth of a pixel between truth and image is found, for a marker that is not the first.
-    view = frame.views()[1]
+    which = next(i for i in range(1, 4) if "reason" not in found[i])
+    view = frame.views()[which]
     moved = view.camera_from_sheet.copy()
     moved[0, 3] += 0.05 * moved[2, 3] / frame.camera.K[0, 0]
     off = measure_circle(
         replace(view, camera_from_sheet=moved), view.sheet.parts[0].marker_id, radiance.mean, radiance.variance
     )
-    if "reason" not in found[1]:
-        assert off["shift_x_px"] - found[1]["shift_x_px"] == pytest.approx(-0.05, abs=2e-3)
+    # To two thousandths: the shift of a whole pose moves the far side of a tilted disc by less.
+    assert off["shift_x_px"] - found[which]["shift_x_px"] == pytest.approx(-0.05, abs=2e-3)
     assert sorted(radiance.coverage) == [0, 1, 2, 3]
     assert all(plane.max() == 1.0 for plane in radiance.coverage.values())
 

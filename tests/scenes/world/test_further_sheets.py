@@ -52,6 +52,17 @@ def test_further_markers_change_nothing_of_the_first(tmp_path: Path) -> None:
         assert len(frame_numbers(b)["others"]) == 5
 
 
+def test_random_bent_markers_turn_where_they_are_seen(tmp_path: Path) -> None:
+    # From 50 degrees on, a disc on a can of this radius turns out of sight: such draws are made again.
+    cans = (
+        "frames: 4\nmarkers: {count: 3, tilt_deg: {uniform: [0, 80]}, kinds: [{kind: disc, diameter_m: 0.08, "
+        "surface: {shape: cylinder, radius_m: 0.06}}]}"
+    )
+    frames = list(frames_of(small_study(tmp_path, FAR, (FRAMES, cans))))
+    assert all(len(truth_of(frame)) == 4 for frame in frames)
+    assert {row["surface"] for frame in frames for row in truth_of(frame)[1:]} == {"cylinder"}
+
+
 def test_listed_markers_have_their_poses_and_draw_them(tmp_path: Path) -> None:
     listed = (
         "frames: 4\nmarkers:\n  - {pose: {distance_D: 30, tilt_deg: 20, azimuth_deg: 90, offset_x_px: -60}}\n"
