@@ -1,0 +1,60 @@
+"""`compiled`: compile a function with Numba once, keep the result on disk, and say so while it happens."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core import event
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+NOTICE = "roundel: compiling the solver's inner loops (once after an installation, about ten seconds)"
+
+
+def compiled(function: Function) -> Function:
+    """A function compiled at its first call; later processes load it from Numba's cache.
+
+    Numba compares only the function's own file with the cached one. Kernels call each other across files, so the stamp
+    of all files of this package takes its place.
+
+    Parameters
+    ----------
+    function : callable
+        Of scalars and arrays only; it holds no lock while it runs (`nogil`), and divides by zero as NumPy does.
+
+    Returns
+    -------
+    callable
+        With the same signature.
+    """
+    kernel = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    if hasattr(file, "_source_stamp"):
+        file._source_stamp = _stamp()
+    return kernel  # type: ignore[no-any-return]
+
+
+def _stamp() -> tuple[tuple[str, float, int], ...]:
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return tuple((f.name, f.stat().st_mtime, f.stat().st_size) for f in files)
+
+
+class _Notice(event.Listener):  # type: ignore[misc]
+    """Prints one line at the first compilation of a process, if a person may read it."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:
+        if not _Notice.said and sys.stderr is not None and sys.stderr.isatty():
+            print(NOTICE, file=sys.stderr, flush=True)
+        _Notice.said = True
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Notice())
