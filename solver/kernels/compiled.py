@@ -50,7 +50,8 @@ class _Notice(event.Listener):  # type: ignore[misc]
 
     def on_start(self, event: Any) -> None:
         if not _Notice.said and sys.stderr is not None and sys.stderr.isatty():
-            print(NOTICE, file=sys.stderr, flush=True)
+            sys.stderr.write(NOTICE + "\n")
+            sys.stderr.flush()
         _Notice.said = True
 
     def on_end(self, event: Any) -> None:

@@ -1,0 +1,292 @@
+"""From an approximate ellipse to the contour in the image: sectors of pixels, offsets, a better ellipse, again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.contour_pixels import (
+    DISTANCE,
+    NORMAL_X,
+    NORMAL_Y,
+    U_X,
+    U_Y,
+    VALUE,
+    arc_lengths,
+    contour_pixels,
+    sector_centres,
+)
+from roundel.solver.kernels.sector_offsets import SECTOR_PX, quantile, sector_offsets
+from roundel.solver.kernels.small_matrices import inverse_of
+
+Array = NDArray[np.float64]
+
+MIN_SECTORS = 12
+PLATEAU_PX = 1.5  # width of the flat parts beside the edge that determine the grey levels
+_FIRST_REACH_PX = 8.0  # search distance from a candidate for its edge and its plateaus
+_MAX_ROUNDS = 6
+_SETTLED_PX = 0.005  # the error after an iteration is about a thirtieth of its step
+_CLOSE_PX, _CLOSE = 1.0, 0.07  # limits of a small step: in px, and as a fraction of the semi-minor axis
+_FIRST_STEPS, _STEPS, _LAST_STEPS = 4, 3, 3
+_PROFILE_STEP_PX = 0.5
+
+# Why there is no contour; the first is none.
+FAILURES = (
+    "",
+    "the contour is outside the image",
+    "the contour is too small to have an interior",
+    "no edge along the contour",
+    "no edge with flat sides along the contour",
+    "too few sectors of the contour show an edge",
+    "the edge along the contour is not an ellipse",
+    "the contour shrinks below one pixel",
+)
+OK, OUTSIDE, NO_INTERIOR, NO_EDGE, NOT_FLAT, FEW_SECTORS, NO_ELLIPSE, SHRINKS = range(8)
+
+
+@compiled
+def reach_of(table: Array) -> tuple[int, float, float]:
+    """How far the edge and a little plateau extend inward and outward, from the mean profile along the normal.
+
+    It ends where the profile reverses, because another edge begins there (the inner circle of a ring, a nearby border).
+    """
+    n = len(table)
+    if n < 4 * MIN_SECTORS:
+        return OUTSIDE, 0.0, 0.0
+    low, high = table[0, DISTANCE], table[0, DISTANCE]
+    for i in range(n):
+        low, high = min(low, table[i, DISTANCE]), max(high, table[i, DISTANCE])
+    bins = int((high - low) / _PROFILE_STEP_PX) + 1
+    number, profile = np.zeros(bins), np.zeros(bins)
+    for i in range(n):
+        k = int((table[i, DISTANCE] - low) / _PROFILE_STEP_PX)
+        number[k] += 1
+        profile[k] += table[i, VALUE]
+    last = -1  # empty bins are interpolated; the first and the last bin are never empty
+    for k in range(bins):
+        if number[k] > 0:
+            profile[k] /= number[k]
+            for j in range(last + 1, k):
+                profile[j] = profile[last] + (profile[k] - profile[last]) * (j - last) / (k - last)
+            last = k
+    smooth = np.empty(bins)
+    for k in range(bins):
+        smooth[k] = (profile[max(k - 1, 0)] + 2.0 * profile[k] + profile[min(k + 1, bins - 1)]) / 4.0
+    # Bin k of the slope lies between bins k and k + 1.
+    polarity, any_close = 0.0, False
+    for k in range(bins - 1):
+        if abs(low + (k + 1) * _PROFILE_STEP_PX) <= 2.5:
+            any_close = True
+            polarity += smooth[k + 1] - smooth[k]
+    if not any_close:
+        return NO_INTERIOR, 0.0, 0.0
+    sign = 1.0 if polarity >= 0.0 else -1.0
+    rise = np.empty(bins - 1)
+    top = -1
+    for k in range(bins - 1):
+        rise[k] = sign * (smooth[k + 1] - smooth[k])
+        if abs(low + (k + 1) * _PROFILE_STEP_PX) <= 2.5 and (top < 0 or rise[k] > rise[top]):
+            top = k
+    if not rise[top] > 0.0:
+        return NO_EDGE, 0.0, 0.0
+    ends = np.empty(2)
+    for side in range(2):
+        direction = 2 * side - 1
+        i = top
+        while 0 <= i + direction < bins - 1 and rise[i + direction] > 0.05 * rise[top]:
+            i += direction
+        edge = i
+        while (
+            0 <= i + direction < bins - 1
+            and abs(i - edge) * _PROFILE_STEP_PX < PLATEAU_PX
+            and rise[i + direction] > -0.05 * rise[top]
+        ):
+            i += direction
+        ends[side] = low + (i + 1) * _PROFILE_STEP_PX
+    return OK, ends[0], ends[1]
+
+
+@compiled
+def _within(table: Array, starts: NDArray[np.int64], low: float, high: float) -> tuple[Array, NDArray[np.int64]]:
+    """The rows whose distance is within limits, still sorted by sector."""
+    kept, ends = np.empty_like(table), np.zeros_like(starts)
+    n = 0
+    for s in range(len(starts) - 1):
+        for i in range(starts[s], starts[s + 1]):
+            if low <= table[i, DISTANCE] <= high:
+                kept[n] = table[i]
+                n += 1
+        ends[s + 1] = n
+    return kept[:n], ends
+
+
+@compiled
+def shape_row(nx: float, ny: float, ux: float, uy: float, row: Array) -> None:
+    """Derivative of a signed distance by x, y, S11, S12, S22 of the ellipse."""
+    row[0], row[1], row[2], row[3], row[4] = -nx, -ny, -nx * ux, -nx * uy - ny * ux, -ny * uy
+
+
+@compiled
+def _median(values: Array) -> float:
+    return quantile(np.sort(values), 0.5)
+
+
+@compiled
+def _shape_step(
+    jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bool_], b_px: float, step: Array
+) -> int:
+    """First-order step of the shape that explains the offsets; sectors off the ellipse are no longer good.
+
+    `b_px` is the semi-minor axis that scales the allowed residual; a contour that is not an ellipse fails here.
+    """
+    count = len(delta)
+    normal, inverse, gradient = np.empty((5, 5)), np.empty((5, 5)), np.empty(5)
+    for again in range(2):
+        number = 0
+        normal[:], gradient[:] = 0.0, 0.0
+        for s in range(count):
+            if not good[s]:
+                continue
+            number += 1
+            weight = 1.0 / sigma[s] ** 2
+            for j in range(5):
+                gradient[j] -= weight * jacobian[s, j] * delta[s]
+                for k in range(5):
+                    normal[j, k] += weight * jacobian[s, j] * jacobian[s, k]
+        if number < max(8.0, 0.3 * count):
+            return FEW_SECTORS
+        if not inverse_of(normal, inverse):
+            return NO_ELLIPSE
+        for j in range(5):
+            step[j] = 0.0
+            for k in range(5):
+                step[j] += inverse[j, k] * gradient[k]
+        residual, widths, i = np.empty(count), np.empty(number), 0
+        left = np.empty(number)
+        for s in range(count):
+            residual[s] = delta[s]
+            for j in range(5):
+                residual[s] += jacobian[s, j] * step[j]
+            residual[s] = abs(residual[s])
+            if good[s]:
+                left[i], widths[i] = residual[s], sigma[s]
+                i += 1
+        middle = _median(left)
+        limit = max(4.0 * 1.4826 * middle, 0.05)
+        outside = 0
+        for s in range(count):
+            outside += good[s] and residual[s] > limit
+        if again == 1 or outside == 0 or number - outside < 8:
+            break
+        # Points of a neighbour, a shadow or a stain are off the ellipse.
+        for s in range(count):
+            good[s] = good[s] and residual[s] <= limit
+    if middle > 0.1 + 0.03 * b_px + 2.0 * _median(widths):
+        return NO_ELLIPSE
+    return OK
+
+
+@compiled
+def moved_ellipse(ellipse: Array, step: Array) -> tuple[bool, Array]:
+    """The ellipse (5,) after a step of (x, y, S11, S12, S22); False if it is none, or smaller than a pixel."""
+    half, mean = (ellipse[2] - ellipse[3]) / 2.0, (ellipse[2] + ellipse[3]) / 2.0
+    turn = math.radians(2.0 * ellipse[4])
+    s11, s12, s22 = mean + half * math.cos(turn), half * math.sin(turn), mean - half * math.cos(turn)
+    s11, s12, s22 = s11 + step[2], s12 + step[3], s22 + step[4]
+    mean, half = (s11 + s22) / 2.0, math.hypot((s11 - s22) / 2.0, s12)
+    angle = math.degrees(math.atan2(s12, (s11 - s22) / 2.0)) / 2.0
+    out = np.array([ellipse[0] + step[0], ellipse[1] + step[1], mean + half, mean - half, angle % 180.0])
+    if out[4] >= 180.0:
+        out[4] = 0.0
+    return bool(mean - half > 1.0 and mean + half < 1e6 and math.isfinite(out[0] + out[1])), out
+
+
+@compiled
+def trace_contour(
+    image: NDArray[np.float32], start: Array, full_scale_dn: float, polish: bool
+) -> tuple[int, Array, Array, Array, NDArray[np.bool_], Array, Array]:
+    """Points of the contour near an approximate ellipse, and the ellipse through them; see `edge_points`.
+
+    Returns
+    -------
+    failure : int
+        0, or which of `FAILURES`; the rest is then meaningless.
+    ellipse : (5,) array
+    points, sigma, good : (count, 2), (count,), (count,) arrays
+        The edge in each sector, its standard deviation, px, and whether it is trusted.
+    feet : (count, 2) array
+        Where the sectors were.
+    about : (5,) array
+        Variance of the blur, contrast, noise; inner and outer reach.
+    """
+    current = start.copy()
+    low, high, variance = -_FIRST_REACH_PX, _FIRST_REACH_PX, 1.0
+    step, about = np.zeros(5), np.zeros(5)
+    none = np.empty((0, 2)), np.empty(0), np.empty(0, np.bool_)
+    feet, normals, units = sector_centres(current, MIN_SECTORS)
+    points, sigma, good = none
+    for turn in range(_MAX_ROUNDS):
+        first = turn == 0
+        count = max(MIN_SECTORS, round(arc_lengths(current[2], current[3])[-1] / SECTOR_PX))
+        table, starts = contour_pixels(image, current, low, high, count)
+        failure, inner, outer = reach_of(table)
+        if failure != OK:
+            return failure, current, none[0], none[1], none[2], feet, about
+        table, starts = _within(table, starts, inner, outer)
+        if len(table) < 2 * count:
+            return NOT_FLAT, current, none[0], none[1], none[2], feet, about
+        low, high = inner - PLATEAU_PX, outer + PLATEAU_PX
+        about[3], about[4] = inner, outer
+        expected = arc_lengths(current[2], current[3])[-1] / count * (outer - max(inner, -0.9 * current[3]))
+        delta, sigma, good = np.zeros(count), np.empty(count), np.empty(count, np.bool_)
+        variance, about[1], about[2] = sector_offsets(
+            table, starts, expected, variance, full_scale_dn, first, _FIRST_STEPS if first else _STEPS,
+            delta, sigma, good,
+        )  # fmt: skip
+        feet, normals, units = sector_centres(current, count)
+        jacobian = np.empty((count, 5))
+        for s in range(count):
+            shape_row(normals[s, 0], normals[s, 1], units[s, 0], units[s, 1], jacobian[s])
+        failure = _shape_step(jacobian, delta, sigma, good, current[3] if first else math.inf, step)
+        if failure != OK:
+            return failure, current, none[0], none[1], none[2], feet, about
+        largest = 0.0
+        for s in range(count):
+            moved = 0.0
+            for j in range(5):
+                moved += jacobian[s, j] * step[j]
+            largest = max(largest, abs(moved))
+        rough = not polish and largest < min(_CLOSE_PX, _CLOSE * current[3])
+        if rough:
+            # A small step changes distances linearly, up to its square over twice the radius of curvature.
+            row = np.empty(5)
+            for i in range(len(table)):
+                shape_row(table[i, NORMAL_X], table[i, NORMAL_Y], table[i, U_X], table[i, U_Y], row)
+                for j in range(5):
+                    table[i, DISTANCE] += row[j] * step[j]
+            before = step.copy()
+            variance, about[1], about[2] = sector_offsets(
+                table, starts, expected, variance, full_scale_dn, False, _LAST_STEPS, delta, sigma, good
+            )
+            failure = _shape_step(jacobian, delta, sigma, good, math.inf, step)
+            if failure != OK:
+                return failure, current, none[0], none[1], none[2], feet, about
+            for s in range(count):
+                for j in range(5):
+                    delta[s] -= jacobian[s, j] * before[j]
+            step += before
+        sound, after = moved_ellipse(current, step)
+        if not sound:
+            return SHRINKS, current, none[0], none[1], none[2], feet, about
+        points = np.empty((count, 2))
+        for s in range(count):
+            for j in range(2):
+                points[s, j] = feet[s, j] + delta[s] * normals[s, j]
+        about[0] = variance
+        current = after
+        if rough or (polish and largest < _SETTLED_PX and not first):
+            break
+    return OK, current, points, sigma, good, feet, about
