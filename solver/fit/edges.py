@@ -116,4 +116,4 @@ def _renumbered(ellipse: Array, good: NDArray[np.bool_], feet: Array) -> NDArray
     mine, old = np.mod(mine - old[0], 2 * np.pi), np.mod(old - old[0], 2 * np.pi)
     nearest = np.searchsorted((old[1:] + old[:-1]) / 2, mine)
     nearest[mine > (old[-1] + 2 * np.pi) / 2] = 0
-    return good[nearest]
+    return np.asarray(good[nearest])

@@ -1,4 +1,23 @@
 """The solver's inner loops, compiled by Numba: plain loops over pixels and points, without Python objects.
 
 compiled: `compiled`: compile a function with Numba once, keep the result on disk, and say so while it happens
+contour_pixels: The pixels around an ellipse: a table with a row a pixel, sorted by the sectors of the contour
+contour_scene: The pixels of a fit: the extent of the plateaus beside a contour, the pixels of the edge, and level
+    functions
+disc_blur: Edge response of a defocus disc minus that of a Gaussian blur, from a table for one variance
+edge_response: Response of a square pixel to a blurred edge, one pixel at a time
+model_choice: Which further parameters and level functions the pixels of a contour show: Schwarz's criterion, to
+    first order
+normal_distribution: Cumulative distribution and density of the normal distribution, from a table: ten times faster
+    than the C library
+pixel_equations: The normal equations of a fit to the pixels of a contour, in one pass over them
+pixel_gauss_newton: Gauss-Newton for the ellipse, blur and grey levels of a contour, until the distances have to be
+    computed again
+response_curve: An edge after the sRGB curve, one pixel at a time
+sector_offsets: The offset of the edge in each sector of a contour, by Gauss-Newton with grey levels of the
+    neighbourhood
+small_matrices: Symmetric positive definite systems of a few unknowns, by Cholesky: too small for BLAS and its
+    threads
+trace_contour: From an approximate ellipse to the contour in the image: sectors of pixels, offsets, a better
+    ellipse, again
 """

@@ -31,11 +31,21 @@ def compiled(function: Function) -> Function:
     callable
         With the same signature.
     """
-    kernel = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    kernel: Function = _cached(numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    return kernel
+
+
+def compiled_sums(function: Function) -> Function:
+    """As `compiled`, for long sums alone: their terms are added in the order that suits the processor's vectors."""
+    kernel: Function = _cached(numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function))
+    return kernel
+
+
+def _cached(kernel: Any) -> Any:
+    file: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
     if hasattr(file, "_source_stamp"):
         file._source_stamp = _stamp()
-    return kernel  # type: ignore[no-any-return]
+    return kernel
 
 
 def _stamp() -> tuple[tuple[str, float, int], ...]:
@@ -43,7 +53,7 @@ def _stamp() -> tuple[tuple[str, float, int], ...]:
     return tuple((f.name, f.stat().st_mtime, f.stat().st_size) for f in files)
 
 
-class _Notice(event.Listener):  # type: ignore[misc]
+class _Notice(event.Listener):
     """Prints one line at the first compilation of a process, if a person may read it."""
 
     said = False
@@ -58,4 +68,4 @@ class _Notice(event.Listener):  # type: ignore[misc]
         pass
 
 
-event.register("numba:compile", _Notice())
+event.register("numba:compile", _Notice())  # type: ignore[no-untyped-call]

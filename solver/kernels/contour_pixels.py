@@ -38,16 +38,15 @@ def foot_point(a: float, b: float, x: float, y: float) -> tuple[float, float, fl
     """
     ax, by = max(abs(x), 1e-12 * a) * a, max(abs(y), 1e-12 * b) * b
     gap = (a - b) * (a + b)
-    root = b * b
-    far = root + gap
-    p, q = (ax / far) ** 2, (by / root) ** 2
-    root += 0.5 * (p + q - 1.0) / (p / far + q / root)
-    root = max(root, by, ax - gap)
+    # The first-order distance, then Newton's steps; the root lies right of both poles.
+    u, v = x / a, y / b
+    first = 0.5 * (u * u + v * v - 1.0) / ((u / a) ** 2 + (v / b) ** 2 + 1e-300)
+    root = max(b * b + first, by, ax - gap)
     for _ in range(100):
-        far = root + gap
-        p, q = (ax / far) ** 2, (by / root) ** 2
-        step = 0.5 * (p + q - 1.0) / (p / far + q / root)
-        root += step
+        far_inverse, root_inverse = 1.0 / (root + gap), 1.0 / root
+        p, q = (ax * far_inverse) ** 2, (by * root_inverse) ** 2
+        step = 0.5 * (p + q - 1.0) / (p * far_inverse + q * root_inverse)
+        root = max(root + step, by, ax - gap)
         if abs(step) < 1e-8 * root:
             break
     ux, uy = ax / (root + gap), by / root

@@ -28,10 +28,9 @@ def normal_cdf_and_density(x: float) -> tuple[float, float]:
     i = int(at)
     f = at - i
     step = 1.0 / _PER_UNIT
-    left, right = _TABLE[i], _TABLE[i + 1]
     f2 = f * f
     h01 = f2 * (3.0 - 2.0 * f)
     h00 = 1.0 - h01
     h10, h11 = step * f * (1.0 - f) ** 2, step * f2 * (f - 1.0)
-    cdf = h00 * left[0] + h10 * left[1] + h01 * right[0] + h11 * right[1]
-    return cdf, h00 * left[1] + h10 * left[2] + h01 * right[1] + h11 * right[2]
+    cdf = h00 * _TABLE[i, 0] + h10 * _TABLE[i, 1] + h01 * _TABLE[i + 1, 0] + h11 * _TABLE[i + 1, 1]
+    return cdf, h00 * _TABLE[i, 1] + h10 * _TABLE[i, 2] + h01 * _TABLE[i + 1, 1] + h11 * _TABLE[i + 1, 2]

@@ -1,4 +1,4 @@
-"""The offset of the edge in each sector of a contour, from its pixels: Gauss-Newton with levels of the neighbourhood."""
+"""The offset of the edge in each sector of a contour, by Gauss-Newton with grey levels of the neighbourhood."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def quantile(ordered: Array, share: float) -> float:
     at = share * (len(ordered) - 1)
     i = min(int(at), len(ordered) - 2) if len(ordered) > 1 else 0
     if len(ordered) == 1:
-        return ordered[0]
-    return ordered[i] + (ordered[i + 1] - ordered[i]) * (at - i)
+        return float(ordered[0])
+    return float(ordered[i] + (ordered[i + 1] - ordered[i]) * (at - i))
 
 
 @compiled
@@ -52,9 +52,7 @@ def _around(values: Array, window: int, sums: Array) -> None:
 
 
 @compiled
-def _saturated_pixels(
-    table: Array, count: int, full_scale_dn: float, first: bool
-) -> tuple[NDArray[np.bool_], float]:
+def _saturated_pixels(table: Array, count: int, full_scale_dn: float, first: bool) -> tuple[NDArray[np.bool_], float]:
     """Which pixels are saturated, and their share.
 
     In the first iteration the contour is too rough to identify them; in binary pixels (an edge should have about one

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.compiled import compiled, compiled_sums
 
 Array = NDArray[np.float64]
 
@@ -52,3 +52,33 @@ def inverse_of(normal: Array, inverse: Array) -> bool:
                 total += factor[k, i] * factor[k, j]
             inverse[i, j] = inverse[j, i] = total * scale[i] * scale[j]
     return True
+
+
+@compiled_sums
+def weighted_products(design: Array, weight: Array, normal: Array) -> None:
+    """Write the sums (n, n) of weighted products of the rows of a design (n, N).
+
+    Four rows at a time: each weighted value is then loaded once for four products.
+    """
+    size, count = design.shape
+    row = np.empty(count)
+    for a in range(size):
+        for i in range(count):
+            row[i] = design[a, i] * weight[i]
+        for b in range(0, a + 1, 4):
+            if b + 3 <= a:
+                s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+                for i in range(count):
+                    s0 += row[i] * design[b, i]
+                    s1 += row[i] * design[b + 1, i]
+                    s2 += row[i] * design[b + 2, i]
+                    s3 += row[i] * design[b + 3, i]
+                normal[a, b], normal[a, b + 1], normal[a, b + 2], normal[a, b + 3] = s0, s1, s2, s3
+            else:
+                for j in range(b, a + 1):
+                    total = 0.0
+                    for i in range(count):
+                        total += row[i] * design[j, i]
+                    normal[a, j] = total
+        for b in range(a + 1):
+            normal[b, a] = normal[a, b]

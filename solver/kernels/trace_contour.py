@@ -135,9 +135,7 @@ def _median(values: Array) -> float:
 
 
 @compiled
-def _shape_step(
-    jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bool_], b_px: float, step: Array
-) -> int:
+def _shape_step(jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bool_], b_px: float, step: Array) -> int:
     """First-order step of the shape that explains the offsets; sectors off the ellipse are no longer good.
 
     `b_px` is the semi-minor axis that scales the allowed residual; a contour that is not an ellipse fails here.

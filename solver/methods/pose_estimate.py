@@ -13,7 +13,7 @@ from roundel.solver.ambiguity.observation import Observation
 from roundel.solver.detect.detect import Detection
 from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
-from roundel.solver.fit.pixel_fit import PixelFit
+from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.pose.pose_covariance import poses_with_covariance
 

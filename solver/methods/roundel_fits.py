@@ -47,7 +47,7 @@ class Detections:
 
     Attributes
     ----------
-    grey : (H, W) array
+    grey : (H, W) float32 array
         Grey levels, linear in light.
     full_scale_dn : float
         The level at which its pixels saturate.
@@ -62,7 +62,8 @@ class Detections:
 
 def detect_circles(grey: NDArray[Any], full_scale_dn: float) -> Detections:
     """Detect the circles of an image; an image that is too small has none."""
-    return Detections(grey, full_scale_dn, detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else [])
+    found = detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else []
+    return Detections(np.ascontiguousarray(grey, dtype=np.float32), full_scale_dn, found)
 
 
 def fit_detection(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:

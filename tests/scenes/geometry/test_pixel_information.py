@@ -15,7 +15,16 @@ from roundel.scenes.geometry.information import (
     pose_information_of_shape,
     shape_information_of_pixels,
 )
-from roundel.solver.fit.edge_band import band_around, sector_centres, shape_jacobian
+from roundel.solver.kernels.contour_pixels import (
+    CURVATURE,
+    CURVATURE_SS,
+    DISTANCE,
+    HALF_DIFFERENCE,
+    HALF_SUM,
+    contour_pixels,
+    sector_centres,
+)
+from roundel.solver.kernels.contour_scene import place_at
 
 ELLIPSE = np.array([60.3, 59.8, 24.0, 17.0, 35.0])
 
@@ -23,10 +32,13 @@ ELLIPSE = np.array([60.3, 59.8, 24.0, 17.0, 35.0])
 @pytest.mark.parametrize("blur_px", [0.5, 2.0])
 def test_it_is_the_sum_over_pixels(blur_px):
     reach = 8.0 + 5.0 * math.sqrt(blur_px**2 + PIXEL_VARIANCE)
-    band = band_around(np.zeros((120, 120)), ELLIPSE, (-reach, reach), 64)
-    z, drift = curved_distance(band.distance, band.curvature, band.curvature_ss, blur_px**2 + PIXEL_VARIANCE)
-    t, slope, bend = step_response(z, band.half_sum, band.half_difference, blur_px**2)
-    rows = shape_jacobian(band.normal, band.u) * (170.0 * slope)[:, None]
+    table, _ = contour_pixels(np.zeros((120, 120), np.float32), ELLIPSE, -reach, reach, 64)
+    jacobian = np.empty((len(table), 5))
+    place_at(table, ELLIPSE, jacobian)
+    curved = (table[:, i] for i in (DISTANCE, CURVATURE, CURVATURE_SS))
+    z, drift = curved_distance(*curved, blur_px**2 + PIXEL_VARIANCE)
+    t, slope, bend = step_response(z, table[:, HALF_SUM], table[:, HALF_DIFFERENCE], blur_px**2)
+    rows = jacobian * (170.0 * slope)[:, None]
     design = np.column_stack([rows, 170.0 * (bend / 2 + slope * drift), 1 - t, t])
     full = design.T @ (design / (1.5**2 * (1 - t) + 2.5**2 * t)[:, None])
     summed = full[:5, :5] - full[:5, 5:] @ np.linalg.solve(full[5:, 5:], full[5:, :5])
@@ -57,7 +69,9 @@ def test_the_pose_follows_from_the_shape():
     ellipse = ellipse_of_conic(conic_of_circle(pose, 0.04, k))
     # Points all around with a sigma of 0.3 px: the information of the shape is a sum over the contour.
     _, normals, u = sector_centres(ellipse, 2000)
-    rows = shape_jacobian(normals, u)
+    rows = np.stack(
+        [*-normals.T, -normals[:, 0] * u[:, 0], -np.sum(normals * u[:, ::-1], axis=1), -normals[:, 1] * u[:, 1]], axis=1
+    )
     shape = rows.T @ rows / 0.3**2 * (100 / 2000)
     contour = contour_information(pose, 0.04, k, 0.3, 100)
     assert np.allclose(pose_information_of_shape(shape, pose, 0.04, k), contour, rtol=1e-3, atol=1e-5 * contour.max())

@@ -1,0 +1,141 @@
+"""The covariance of a fit to the pixels: that of the noise, raised by what the residuals show of the model's errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.geometry.conic import ellipse_perimeter_px
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit, shape_of_ellipse
+from roundel.solver.fit.pixel_scene import PixelScene
+from roundel.solver.kernels.pixel_equations import RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
+
+Array = NDArray[np.float64]
+
+_OUTLIER = 6.0  # sigmas at which Tukey's weight reaches zero
+
+
+@dataclass(frozen=True, eq=False)
+class FitState:
+    """The state of a fit to the pixels.
+
+    Attributes
+    ----------
+    ellipse : (5,) array
+        At which distances were computed, in undistorted pixel coordinates.
+    table, jacobian : (N, 12), (N, 5) arrays
+        The edge's pixels at that ellipse.
+    parameters : (18,) array
+        See `pixel_equations`.
+    levels : (2, k) array
+    used : (m,) array of int
+        The parameters that are fitted.
+    inverse : (m + 2 k, m + 2 k) array
+        Of the normal matrix.
+    noise : (2,) array
+        Variance of a pixel inside and outside, dn^2.
+    record : (N, 4) array
+        Of the edge's pixels, see `pixel_equations`.
+    """
+
+    ellipse: Array
+    table: Array
+    jacobian: Array
+    parameters: Array
+    levels: Array
+    used: NDArray[np.int64]
+    inverse: Array
+    noise: Array
+    record: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PixelFit(EllipseFit):
+    """An ellipse fitted to pixels.
+
+    As `EllipseFit`, where n is the length of the used contour in px, sigma_px the standard deviation of one edge point
+    per px that would determine the ellipse equally well, and residual_px has one value per trusted sector.
+
+    Attributes
+    ----------
+    blur_px : float
+        Gaussian sigma of the blur, excluding the pixel's aperture.
+    contrast_dn : float
+        Median of outside minus inside: positive for dark on light.
+    noise_dn : (float, float)
+        Standard deviation of a pixel inside and outside.
+    misfit : float
+        Chi-square of the edge's pixels over its degrees of freedom: 1 if the residuals are pure noise. If it exceeds
+        chance, the covariance is increased by it, or by that of the sectors' offsets.
+    pixels : int
+        Number of pixels used.
+    clipped_fraction : float
+        Share of clipped pixels along the contour.
+    """
+
+    blur_px: float
+    contrast_dn: float
+    noise_dn: tuple[float, float]
+    misfit: float
+    pixels: int
+    clipped_fraction: float
+
+
+def _under_noise() -> tuple[float, float]:
+    """Effect of Tukey's weights w on Gaussian noise r: mean of (w r)^2, variance of the estimate against 1 / mean w.
+
+    With q = 1 / _OUTLIER^2 and the moments 1, 3, 15, 105, 945 of r^2, r^4, ...; the cut at _OUTLIER sigmas is far out.
+    """
+    q = _OUTLIER**-2
+    power = 1 - 4 * q * 3 + 6 * q**2 * 15 - 4 * q**3 * 105 + q**4 * 945
+    mean = 1 - 2 * q + q * q * 3
+    slope = mean - 4 * q * (1 - 3 * q)
+    return power, power / slope**2 * mean
+
+
+def finished(state: FitState, scene: PixelScene) -> PixelFit | FailedFit:
+    """The result of a converged fit."""
+    theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
+    power, spread = _under_noise()
+    residual, slope_dn, share, weight = (state.record[:, i] for i in (RESIDUAL, SLOPE, SHARE, WEIGHT))
+    variance = state.noise[0] + (state.noise[1] - state.noise[0]) * share
+    information = slope_dn**2 / variance  # of each pixel on the position of the edge
+    pull = weight * slope_dn * residual
+    misfit = float(np.sum(pull**2) / np.sum(information)) / power
+    count = len(scene.starts) - 1
+    sector = np.repeat(np.arange(count), np.diff(scene.starts))
+    known, offset = np.bincount(sector, information, minlength=count), np.bincount(sector, pull, minlength=count)
+    usable = known > 1e-3 * float(np.max(known))
+    # Errors shared by pixels along the contour do not average out like noise; the sectors' offsets show them.
+    degrees = max(float(np.count_nonzero(usable)) - 6.0, 1.0)
+    shared = float(np.sum(offset[usable] ** 2 / known[usable])) / degrees / power
+    # Chi-square has a standard deviation of sqrt(2 / n): only more than three of them count as an error of the model.
+    effective = float(np.sum(information)) ** 2 / float(np.sum(information**2))
+    raised = 1.0
+    for excess, freedom in ((misfit, effective), (shared, degrees)):
+        if excess > 1.0 + 3.0 * math.sqrt(2.0 / freedom):
+            raised = max(raised, excess)
+    shape_cov = state.inverse[:5, :5] * (raised * spread)
+    if not np.all(np.diag(shape_cov) > 0):
+        return FailedFit("the pixels do not determine an ellipse")
+    contour_px = float(np.sum(usable)) / count * float(ellipse_perimeter_px(ellipse_of_shape(theta)))
+    sigma_px = math.sqrt(raised * contour_px / float(np.sum(known)))
+    # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
+    fit = finished_fit(theta, -offset[usable] / known[usable], sigma_px**2, shape_cov)
+    return PixelFit(
+        fit.ellipse,
+        fit.cov,
+        sigma_px,
+        max(round(contour_px), 6),
+        shape_cov,
+        fit.residual_px,
+        blur_px=math.sqrt(state.parameters[VARIANCE]),
+        contrast_dn=float(state.levels[1, 0] - state.levels[0, 0]),
+        noise_dn=(math.sqrt(state.noise[0]), math.sqrt(state.noise[1])),
+        misfit=misfit,
+        pixels=int(np.count_nonzero(weight)),
+        clipped_fraction=scene.clipped_fraction,
+    )

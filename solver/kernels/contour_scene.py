@@ -1,0 +1,195 @@
+"""The pixels of a fit: the extent of the plateaus beside a contour, the pixels of the edge, and level functions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.contour_pixels import (
+    COLUMNS,
+    CURVATURE,
+    CURVATURE_SS,
+    DISTANCE,
+    HALF_DIFFERENCE,
+    HALF_SUM,
+    NORMAL_X,
+    NORMAL_Y,
+    U_X,
+    U_Y,
+    VALUE,
+    X,
+    Y,
+    curvatures,
+    foot_point,
+)
+from roundel.solver.kernels.sector_offsets import quantile
+from roundel.solver.kernels.trace_contour import shape_row
+
+Array = NDArray[np.float64]
+
+_LAST_PX = 1.5  # outermost part of a plateau of `edge_points`, with which pixels beyond it are compared
+_FLAT = 0.01  # fraction of the contrast
+_GROUPS = 12  # directions in which a plateau's flatness is tested
+_MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
+_STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
+
+
+@compiled
+def flat_reach(
+    table: Array,
+    starts: NDArray[np.int64],
+    trusted: NDArray[np.bool_],
+    reach: Array,
+    contrast_dn: float,
+    noise_dn: float,
+    wider: int,
+) -> Array:
+    """Extent (2,) of the plateaus beyond `reach` (2,): until some directions deviate from their level."""
+    count = len(trusted)
+    ends = reach.copy()
+    for side in range(2):
+        sign = 2.0 * side - 1.0
+        # Bin 0 is the last one of `reach`, the others are 1 px each.
+        number, total = np.zeros((wider + 1, _GROUPS)), np.zeros((wider + 1, _GROUPS))
+        for s in range(count):
+            if not trusted[s]:
+                continue
+            for i in range(starts[s], starts[s + 1]):
+                beyond = sign * (table[i, DISTANCE] - reach[side])
+                if beyond > -_LAST_PX:
+                    k = max(math.ceil(beyond), 0)
+                    if k <= wider:
+                        group = s * _GROUPS // count
+                        number[k, group] += 1
+                        total[k, group] += table[i, VALUE]
+        extent = 0
+        for k in range(1, wider + 1):
+            both, squares, inverse = 0, 0.0, 0.0
+            for g in range(_GROUPS):
+                if number[0, g] > 0 and number[k, g] > 0:
+                    both += 1
+                    squares += (total[k, g] / number[k, g] - total[0, g] / number[0, g]) ** 2
+                    inverse += 1.0 / number[0, g] + 1.0 / number[k, g]
+            if both < 3:
+                break
+            if squares / both > (_FLAT * contrast_dn) ** 2 + 2.0 * noise_dn**2 * inverse / both:
+                break
+            extent = k
+        ends[side] += sign * extent
+    return ends
+
+
+@compiled
+def split_pixels(
+    table: Array, starts: NDArray[np.int64], trusted: NDArray[np.bool_], ends: Array, reach: Array
+) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    """The edge's pixels of the trusted sectors (within `reach`), with their starts, and those of both plateaus."""
+    n, count = len(table), len(trusted)
+    edge, edge_starts = np.empty((n, COLUMNS)), np.zeros(count + 1, np.int64)
+    inside, outside = np.empty((n, COLUMNS)), np.empty((n, COLUMNS))
+    edges, inner, outer = 0, 0, 0
+    for s in range(count):
+        if trusted[s]:
+            for i in range(starts[s], starts[s + 1]):
+                distance = table[i, DISTANCE]
+                if distance < ends[0] or distance > ends[1]:
+                    continue
+                if distance < reach[0]:
+                    inside[inner] = table[i]
+                    inner += 1
+                elif distance > reach[1]:
+                    outside[outer] = table[i]
+                    outer += 1
+                else:
+                    edge[edges] = table[i]
+                    edges += 1
+        edge_starts[s + 1] = edges
+    return edge[:edges].copy(), edge_starts, inside[:inner].copy(), outside[:outer].copy()
+
+
+@compiled
+def level_functions(x: Array, y: Array, centre: Array, size_px: float, k: int) -> Array:
+    """Level functions (N, k) at places (N,): 1; x, y; their squares; harmonics of the direction."""
+    out = np.empty((len(x), k))
+    for i in range(len(x)):
+        u, v = (x[i] - centre[0]) / size_px, (y[i] - centre[1]) / size_px
+        out[i, 0] = 1.0
+        if k > 1:
+            out[i, 1], out[i, 2] = u, v
+        if k > 3:
+            out[i, 3], out[i, 4], out[i, 5] = u * u - v * v, 2.0 * u * v, u * u + v * v - 1.0
+        if k > 6:
+            length = max(math.hypot(u, v), 0.25)
+            u, v = u / length, v / length
+            re, im = u * u - v * v, 2.0 * u * v
+            for j in range(4):
+                re, im = re * u - im * v, re * v + im * u
+                out[i, 6 + 2 * j], out[i, 7 + 2 * j] = re, im
+    return out
+
+
+@compiled
+def plateau_sums(
+    basis: Array, value: Array, coefficients: Array, clip_dn: float, gram: Array, moment: Array
+) -> tuple[float, int]:
+    """Write the sums of products of a plateau's pixels, without stains (far from the level) and clipped ones.
+
+    Parameters
+    ----------
+    basis, value : (N, K), (N,) arrays
+    coefficients : (k,) array
+        The level; k may be smaller than K.
+    clip_dn : float
+    gram, moment : (k, k), (k,) arrays
+        Written: sums of the products of functions, and of functions and values.
+
+    Returns
+    -------
+    square : float
+        Sum of squared values.
+    count : int
+    """
+    n, k = len(value), len(coefficients)
+    gram[:], moment[:] = 0.0, 0.0
+    squares = np.empty(n)
+    for i in range(n):
+        level = 0.0
+        for j in range(k):
+            level += basis[i, j] * coefficients[j]
+        squares[i] = (value[i] - level) ** 2
+    limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * quantile(np.sort(squares), 0.5), 1.0)
+    square, count = 0.0, 0
+    for i in range(n):
+        if squares[i] > limit or value[i] >= clip_dn:
+            continue
+        count += 1
+        square += value[i] ** 2
+        for a in range(k):
+            moment[a] += basis[i, a] * value[i]
+            for b in range(a + 1):
+                gram[a, b] += basis[i, a] * basis[i, b]
+    for a in range(k):
+        for b in range(a):
+            gram[b, a] = gram[a, b]
+    return square, count
+
+
+@compiled
+def place_at(table: Array, ellipse: Array, jacobian: Array) -> None:
+    """Write distances, normals and curvatures of the pixels of a table for another ellipse, and the jacobian (N, 5)."""
+    a, b, angle = ellipse[2], ellipse[3], math.radians(ellipse[4])
+    c, s = math.cos(angle), math.sin(angle)
+    for i in range(len(table)):
+        pixel = table[i]
+        dx, dy = pixel[X] - ellipse[0], pixel[Y] - ellipse[1]
+        distance, nx, ny, ux, uy = foot_point(a, b, c * dx + s * dy, c * dy - s * dx)
+        pixel[DISTANCE] = distance
+        pixel[NORMAL_X], pixel[NORMAL_Y] = c * nx - s * ny, s * nx + c * ny
+        pixel[U_X], pixel[U_Y] = c * ux - s * uy, s * ux + c * uy
+        across_x, across_y = abs(pixel[NORMAL_X]), abs(pixel[NORMAL_Y])
+        pixel[HALF_SUM], pixel[HALF_DIFFERENCE] = (across_x + across_y) / 2.0, (across_x - across_y) / 2.0
+        pixel[CURVATURE], pixel[CURVATURE_SS] = curvatures(a, b, ux, uy)
+        shape_row(pixel[NORMAL_X], pixel[NORMAL_Y], pixel[U_X], pixel[U_Y], jacobian[i])

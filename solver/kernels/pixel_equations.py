@@ -1,0 +1,219 @@
+"""The normal equations of a fit to the pixels of a contour, in one pass over them.
+
+Each pixel is predicted as I = inside + (outside - inside) T(z), see `roundel.solver.fit.pixel_fit`. A clipped pixel is
+a lower bound: its likelihood is that of a censored Gaussian.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
+from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.contour_pixels import (
+    CURVATURE,
+    CURVATURE_SS,
+    DISTANCE,
+    HALF_DIFFERENCE,
+    HALF_SUM,
+    NORMAL_X,
+    NORMAL_Y,
+    VALUE,
+    Y,
+)
+from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_table
+from roundel.solver.kernels.edge_response import curved_distance, step_response
+from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
+from roundel.solver.kernels.response_curve import encoded_step
+from roundel.solver.kernels.sector_offsets import MIN_VARIANCE
+from roundel.solver.kernels.small_matrices import weighted_products
+
+Array = NDArray[np.float64]
+
+# Parameters: change of the shape (x, y, S11, S12, S22); variance of the blur, its share of a disc, its gradient across
+# the marker, its smear (coefficients of cos and sin of twice the normal's direction); variance of the ink's own soft
+# edge at the semi-major axis; response curve (0 linear, 1 sRGB); rates of the shape, px/s.
+VARIANCE, DISC, GRADIENT, SMEAR, INK, CURVE, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 13, 18
+
+# Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight; step
+# response.
+RESIDUAL, SLOPE, SHARE, WEIGHT, RECORD = 0, 1, 2, 3, 4
+
+DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not visible
+_SAME_DISC = 0.01  # relative change of the variance within which a table is scaled
+_OUTLIER = 6.0  # sigmas at which Tukey's weight reaches zero: 98 % efficient
+
+
+@compiled
+def pixel_equations(
+    table: Array,
+    jacobian: Array,
+    place: Array,
+    basis: Array,
+    basis_slope: Array,
+    clip_dn: float,
+    rows: Array,
+    used: NDArray[np.int64],
+    parameters: Array,
+    levels: Array,
+    noise: Array,
+    robust_scale: float,
+    design: Array,
+    discs: Array,
+    normal: Array,
+    gradient: Array,
+    record: Array,
+) -> None:
+    """Normal matrix and gradient of the weighted least squares.
+
+    Parameters
+    ----------
+    table : (N, 12) array
+        The edge's pixels: see `contour_pixels`.
+    jacobian : (N, 5) array
+        Derivative of each distance by the shape.
+    place : (N, 2) array
+        Foot points relative to the centre, in semi-major axes.
+    basis, basis_slope : (N, K) arrays
+        Level functions at the pixels, and their change along the normal, 1/px.
+    clip_dn : float
+        The level at which pixels clip.
+    rows : (3,) array
+        Time per row, s; the row of time zero; full scale of the response curve, dn.
+    used : (m,) array
+        The parameters that are fitted, of 0 to 17, ascending; all of the shape come first.
+    parameters : (18,) array
+    levels : (2, k) array
+        Coefficients of the first k functions, inside and outside.
+    noise : (2,) array
+        Variance of a pixel inside and outside.
+    robust_scale : float
+        Tukey's weights are in units of so many sigmas; 0 for none.
+    design : (m + 2 k, N) array
+        Working memory: the derivative of each pixel by each parameter.
+    discs : (STEPS + 1, 5) array
+        Working memory: the table of a disc's blur, and in its last row the variance and the ends of the table.
+    normal, gradient : (m + 2 k, m + 2 k) and (m + 2 k,) arrays
+        Written.
+    record : (N, 4) array
+        Written; see the constants of this module.
+    """
+    m, k = len(used), levels.shape[1]
+    size = m + 2 * k
+    full, weights = np.zeros(PARAMETERS), np.empty(len(table))
+    variance, disc, ink, curve = parameters[VARIANCE], parameters[DISC], parameters[INK], parameters[CURVE]
+    smear_x, smear_y = parameters[SMEAR], parameters[SMEAR + 1]
+    smeared = smear_x != 0.0 or smear_y != 0.0
+    fits_curve = False
+    for j in range(m):
+        fits_curve = fits_curve or used[j] == CURVE
+    curved = fits_curve or curve != 0.0
+    total = variance + PIXEL_VARIANCE
+    round_blur = variance > DISC_VARIANCE
+    if round_blur and abs(variance - discs[STEPS, 0]) > _SAME_DISC * variance:
+        discs[STEPS, 0], discs[STEPS, 1] = variance, disc_table(variance, discs)
+    moving = False
+    for j in range(m):
+        moving = moving or used[j] >= RATES
+    for i in range(len(table)):
+        pixel = table[i]
+        seconds = (pixel[Y] - rows[1]) * rows[0]
+        distance = pixel[DISTANCE]
+        for j in range(5):
+            distance += jacobian[i, j] * parameters[j]
+            if moving:
+                distance += jacobian[i, j] * parameters[RATES + j] * seconds
+        bent = pixel[CURVATURE]
+        z, drift = curved_distance(distance, bent, pixel[CURVATURE_SS], total)
+        nx, ny = pixel[NORMAL_X], pixel[NORMAL_Y]
+        turned_x, turned_y = (nx - ny) * (nx + ny), 2.0 * nx * ny
+        own = variance
+        if smeared:
+            # The blur is n^T B n across the edge and t^T B t along it; their covariance rotates the edge's image.
+            across = smear_x * turned_x + smear_y * turned_y
+            covariance = smear_y * turned_x - smear_x * turned_y
+            own = max(variance + across, MIN_VARIANCE)
+            whole = own + PIXEL_VARIANCE
+            # Beyond two sigmas the edge has no influence.
+            along = (
+                max(variance - across, 0.0)
+                + PIXEL_VARIANCE
+                - covariance * covariance / whole * (1.0 - min(z * z / whole, 4.0))
+            )
+            z += bent / 2.0 * (along - total)
+        # A soft edge of the ink widens the step as the circle's radius does, and does not shift it.
+        support = nx * place[i, 0] + ny * place[i, 1]
+        own = max(own + ink * support * support, MIN_VARIANCE)
+        t, slope, bend = step_response(z, pixel[HALF_SUM], pixel[HALF_DIFFERENCE], own)
+        widening, change, moment = bend / 2.0, 0.0, (own + PIXEL_VARIANCE) * slope
+        if round_blur:
+            change, by_distance, by_variance, by_slope = disc_minus_gauss(
+                z, bent, discs[STEPS, 0], own, discs, discs[STEPS, 1]
+            )
+            t += disc * change
+            slope += disc * by_distance
+            widening += disc * by_variance
+            moment += disc * by_slope
+        # A blur that also widens along the edge shifts it; a smear removes along the edge what it adds across.
+        smearing = widening - slope * bent / 2.0
+        inking = widening
+        widening += slope * drift
+        slope *= 1.0 - bent * bent * total / 4.0
+        low, high = 0.0, 0.0
+        for j in range(k):
+            low, high = low + basis[i, j] * levels[0, j], high + basis[i, j] * levels[1, j]
+        height = high - low
+        stretch = 1.0
+        if curved:
+            step, steep = encoded_step(low, high, min(max(t, 0.0), 1.0), rows[2])
+            full[CURVE] = height * (step - t)
+            stretch = 1.0 + curve * (steep - 1.0)
+            t += curve * (step - t)
+        slope_dn = height * slope * stretch
+        for j in range(5):
+            full[j] = jacobian[i, j] * slope_dn
+            if moving:
+                full[RATES + j] = full[j] * seconds
+        by_blur = height * stretch
+        full[VARIANCE], full[DISC], full[INK] = (
+            by_blur * widening,
+            by_blur * change,
+            by_blur * inking * support * support,
+        )
+        full[GRADIENT], full[GRADIENT + 1] = place[i, 0] * full[VARIANCE], place[i, 1] * full[VARIANCE]
+        full[SMEAR], full[SMEAR + 1] = by_blur * smearing * turned_x, by_blur * smearing * turned_y
+        for j in range(m):
+            design[j, i] = full[used[j]]
+        predicted = full[GRADIENT] * parameters[GRADIENT] + full[GRADIENT + 1] * parameters[GRADIENT + 1]
+        for j in range(k):
+            outer = basis[i, j] * t + basis_slope[i, j] * moment
+            design[m + j, i], design[m + k + j, i] = basis[i, j] - outer, outer
+            predicted += (basis[i, j] - outer) * levels[0, j] + outer * levels[1, j]
+        share = min(max(t, 0.0), 1.0)
+        residual = pixel[VALUE] - predicted
+        weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
+        if pixel[VALUE] >= clip_dn:
+            # -log Phi((predicted - clip) / sigma): its gradient and curvature as a residual and a weight.
+            root = math.sqrt(weight)
+            over = min(max((predicted - clip_dn) * root, -8.0), 8.0)
+            cdf, density = normal_cdf_and_density(over)
+            pull = density / max(cdf, 1e-15)
+            bending = pull * (pull + over)
+            residual = pull / root / max(bending, 1e-9)
+            weight *= bending
+            if bending < 1e-6:
+                residual, weight = 0.0, 0.0
+        elif robust_scale > 0.0:
+            ratio = residual * residual * weight / (_OUTLIER * robust_scale) ** 2
+            weight *= (1.0 - ratio) ** 2 if ratio < 1.0 else 0.0
+        record[i, RESIDUAL], record[i, SLOPE], record[i, SHARE], record[i, WEIGHT] = residual, slope_dn, share, weight
+        weights[i] = weight
+    weighted_products(design[:size], weights, normal)
+    for a in range(size):
+        pull = 0.0
+        for i in range(len(table)):
+            pull += design[a, i] * weights[i] * record[i, RESIDUAL]
+        gradient[a] = pull
