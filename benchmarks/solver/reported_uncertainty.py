@@ -37,12 +37,15 @@ COLUMNS = (
 
 PAGE = """# Reported uncertainty against the truth
 
-`python benchmarks/solver/reported_uncertainty.py --markdown FILE` wrote this page. True camera, default method, 48 frames a
-level. The chi-square is that of the five observable components of the pose (centre, normal), weighted by the inverse of the
-reported covariance, for the candidate whose normal is nearer to the truth. *Beyond 5 sigma*: the chi-square is less probable
-than a normal variable beyond 5 sigma to either side (5.7e-7: above 37.1; of the normal alone, above 28.7). *In 95 % region*: it
-is below 11.07. *Normal error / bound*: RMS of the normal's error over its frame's Cramer-Rao bound. *Median sigma*: reported, of
-the normal, both axes together.
+`python benchmarks/solver/reported_uncertainty.py --markdown FILE` wrote this page. True camera, default method, 48
+frames a level. The chi-square is that of the five observable components of the pose (centre, normal), weighted by the
+inverse of the reported covariance, for the candidate whose normal is nearer to the truth.
+
+- *Beyond 5 sigma*: the chi-square is less probable than a normal variable beyond 5 sigma to either side (5.7e-7: above
+  37.1; of the normal alone, above 28.7).
+- *In 95 % region*: it is below 11.07.
+- *Normal error / bound*: RMS of the normal's error over its frame's Cramer-Rao bound.
+- *Median sigma*: reported, of the normal, both axes together.
 """
 
 
