@@ -18,6 +18,7 @@ from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
 from roundel.scenes.camera.model import camera_to_json
+from roundel.scenes.camera.row_time import row_time_to_json
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.study.identity import SAMPLING_VERSION
 from roundel.scenes.study.study import Study
@@ -71,6 +72,9 @@ def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
     if entry is not None and "sensor" in entry:
         record["sensor"] = entry["sensor"]
     record.update(camera_to_json(frame.camera))
+    motion, prior = frame.settings.motion, frame.settings.motion.twist_prior
+    declared = None if prior is None else (prior.velocity_sigma_m_s, prior.rate_sigma_deg_s)
+    record.update(row_time_to_json(motion.readout_s, motion.exposure_s, declared))
     record["markers"] = [
         {
             "marker_id": part.marker_id,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout import files
 from roundel.scenes.camera.model import Camera, camera_from_json
+from roundel.scenes.camera.row_time import RowTime, row_time_from_json
 from roundel.scenes.camera.srgb import srgb_to_linear
 from roundel.scenes.errors import DataError, first_line
 
@@ -58,6 +59,10 @@ class Images:
     def camera(self, i: int) -> Camera:
         """The frame's camera, as read by `--intrinsics true` and `scaled`."""
         return camera_from_json(self.records[i])
+
+    def row_time(self, i: int) -> RowTime | None:
+        """What the frame's camera declares about its shutter; None if nothing."""
+        return row_time_from_json(self.records[i])
 
     def markers(self, i: int) -> list[dict[str, Any]]:
         """The printed markers: marker_id, kind, diameter_m, layout. No pose."""

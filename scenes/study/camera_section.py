@@ -126,13 +126,30 @@ class TwistSection(Section):
     )
 
 
+class TwistPriorSection(Section):
+    """Standard deviations of each component of the camera's twist relative to the marker, for the solver to assume.
+
+    The components are independent, normal, with mean zero, in the camera's frame.
+    """
+
+    velocity_sigma_m_s: float = Field(ge=0, le=100, description="of the velocity, m/s")
+    rate_sigma_deg_s: float = Field(ge=0, le=3600, description="of the rate of rotation, degrees/s")
+
+
 class MotionSection(Section):
     """When each row is exposed, and what moves during the exposure."""
 
     exposure_s: NonNegative = Field(default=0.01, description="exposure time of each row, s")
     readout_s: NonNegative = Field(
-        default=0.0, description="time from the first to the last row, s; 0 is a global shutter"
+        default=0.0,
+        description="time to read all rows, s: the delay from one row to the next times height_px; 0 is a global "
+        "shutter",
     )
     frame_s: Positive = Field(default=1.0, description="time between two frames, s; not shorter than the exposure")
+    twist_prior: TwistPriorSection | None = Field(
+        default=None,
+        description="what the solver may assume about the motion under a rolling shutter; recorded in cameras.json. "
+        "Default: nothing, and the solver assumes a camera that moves",
+    )
     camera: TwistSection = Field(default=TwistSection(), description="motion of the camera, in its own frame")
     marker: TwistSection = Field(default=TwistSection(), description="motion of the marker, in its own frame")

@@ -59,11 +59,16 @@ def motion_of(section: MotionSection, height_px: int, centre_row_px: float) -> M
     Raises
     ------
     ValueError
-        If the exposure is longer than the frame time.
+        If the exposure or the readout is longer than the frame time.
     """
     if section.exposure_s > section.frame_s:
         raise ValueError(
             f"exposure_s: {section.exposure_s:g} s exceeds the frame time of {section.frame_s:g} s; reduce it, or "
+            "increase frame_s"
+        )
+    if section.readout_s > section.frame_s:
+        raise ValueError(
+            f"readout_s: {section.readout_s:g} s exceeds the frame time of {section.frame_s:g} s; reduce it, or "
             "increase frame_s"
         )
     twists = [

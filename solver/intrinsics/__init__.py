@@ -1,6 +1,7 @@
 """Which camera the solver assumes, and how uncertain it is.
 
 exif: Focal length and its uncertainty from a photograph's EXIF
+shutter: The rolling shutter of a camera of which nothing is declared: a phone held still by a hand
 specification: Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone
 uncertain_camera: A camera with its uncertainty: the best guess, its standard deviations, and their basis
 """

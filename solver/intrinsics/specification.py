@@ -16,8 +16,10 @@ import numpy as np
 
 from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
+from roundel.scenes.camera.row_time import RowTime, row_time_from_json
 from roundel.scenes.errors import DataError, UsageError, did_you_mean
 from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif
+from roundel.solver.intrinsics.shutter import assumed_shutter
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
 FILM_WIDTH_MM = 36.0
@@ -64,6 +66,8 @@ class Intrinsics:
         Of `calibrated`.
     focal, focal_sigma : float
         Of `focal` (px) and `focal35` (mm); the standard deviation is a fraction of the focal length.
+    row_time : RowTime or None
+        The shutter that the file of `calibrated` declares.
     """
 
     label: str
@@ -73,6 +77,7 @@ class Intrinsics:
     camera: Camera | None = None
     focal: float = 0.0
     focal_sigma: float = 0.0
+    row_time: RowTime | None = None
 
 
 def parse_intrinsics(text: str) -> Intrinsics:
@@ -163,10 +168,10 @@ def _calibrated(path: Path) -> Intrinsics:
     except (OSError, ValueError) as error:
         raise DataError(f"{path}: not a camera file; `roundel calibrate` writes one") from error
     try:
-        camera = camera_from_json(record)
+        camera, row_time = camera_from_json(record), row_time_from_json(record)
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
-    return Intrinsics(f"calibrated:{path.stem}", "calibrated", camera=camera)
+    return Intrinsics(f"calibrated:{path.stem}", "calibrated", camera=camera, row_time=row_time)
 
 
 def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
@@ -175,7 +180,12 @@ def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px
 
 
 def uncertain_camera_for(
-    spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int, exif: ExifTags | None = None
+    spec: Intrinsics,
+    camera: Camera | None,
+    width_px: int,
+    height_px: int,
+    exif: ExifTags | None = None,
+    row_time: RowTime | None = None,
 ) -> UncertainCamera:
     """The camera to estimate with, and its uncertainty.
 
@@ -188,6 +198,8 @@ def uncertain_camera_for(
         Size of the image.
     exif : ExifTags, optional
         Tags of a photograph; for a frame of a dataset, `camera` has the 35-mm equivalent.
+    row_time : RowTime, optional
+        The shutter that the frame declares; without it, that of a `calibrated` file, or of `assumed_shutter`.
 
     Returns
     -------
@@ -200,7 +212,15 @@ def uncertain_camera_for(
     UsageError
         If the frame's camera is required but unknown, has no EXIF focal length, or the file is for another image size.
     """
-    size = (width_px, height_px)
+    found = _uncertain_camera(spec, camera, (width_px, height_px), exif)
+    declared = row_time if row_time is not None else spec.row_time
+    given = spec.kind in ("true", "scaled", "calibrated")
+    return replace(found, row_time=assumed_shutter(declared, not given, width_px, height_px))
+
+
+def _uncertain_camera(
+    spec: Intrinsics, camera: Camera | None, size: tuple[int, int], exif: ExifTags | None
+) -> UncertainCamera:
     if spec.kind == "calibrated":
         assert spec.camera is not None
         _check_size(spec, size)
@@ -224,7 +244,7 @@ def uncertain_camera_for(
         k = np.array(camera.K, dtype=np.float64)
         k[0, 0] *= spec.factor
         k[1, 1] *= spec.factor
-        scaled = replace(camera, width_px=width_px, height_px=height_px, K=k)
+        scaled = replace(camera, width_px=size[0], height_px=size[1], K=k)
         return UncertainCamera(scaled, basis=f"the frame's own camera, its focal length times {spec.factor:g}")
     return UncertainCamera(camera, basis="the frame's own camera, taken as exact")
 

@@ -160,8 +160,9 @@ def _frames(
             continue
         if wanted is not None and frame_id not in wanted:
             continue
-        camera = images.camera(i)
-        cameras = {spec.label: uncertain_camera_for(spec, camera, camera.width_px, camera.height_px) for spec in specs}
+        camera, row_time = images.camera(i), images.row_time(i)
+        size = camera.width_px, camera.height_px
+        cameras = {spec.label: uncertain_camera_for(spec, camera, *size, row_time=row_time) for spec in specs}
         out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
     if not out:
         which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"

@@ -97,6 +97,7 @@ def test_a_still_camera_has_one_pose_only(tmp_path: Path) -> None:
     ("edit", "message"),
     [
         ("motion: {exposure_s: 0.05, frame_s: 0.033}", "motion.exposure_s: 0.05 s exceeds the frame time of 0.033 s"),
+        ("motion: {readout_s: 0.05, frame_s: 0.033}", "motion.readout_s: 0.05 s exceeds the frame time of 0.033 s"),
         ("motion: {readout_s: 0.5, camera: {velocity_m_s: [0, -2, 0]}}", "marker 0 outruns the rolling shutter"),
         ("motion: {exposure_s: -1}", "motion.exposure_s: -1 is out of range"),
         ("motion: {camera: {velocity_m_s: [0, 2]}}", "motion.camera.velocity_m_s"),
