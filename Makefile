@@ -77,7 +77,7 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
 bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (an hour or two; goes on where it stopped)
-	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/gate/gate.py $(BENCH_FLAGS)
+	$(BIN)/python benchmarks/gate/gate.py $(BENCH_FLAGS)
 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
 	$(BIN)/python benchmarks/solver/peers_solver.py $(BENCH_FLAGS)

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import POINTS, check_no_dataset, sha256, write_file
+from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibration_summary
 from roundel.validate.calibration.chessboard_reference import Reference, reference_of
@@ -56,6 +57,7 @@ from roundel.validate.tables.writers import write_tables
 SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
 
 
+@one_blas_thread()
 def validate_dataset(
     dataset_path: str | Path,
     estimates_paths: Sequence[str | Path],

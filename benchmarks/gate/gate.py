@@ -1,6 +1,6 @@
 """Error rates of the gate on the shipped benchmark: false alarms, a loss of 5 %, planted bugs, no samples.
 
-    OMP_NUM_THREADS=1 python benchmarks/gate/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
+    python benchmarks/gate/gate.py [--folder out/gate] [--copies 12] [--worse 10] [--out FILE]
 
 Renders configs/benchmark.yaml unless FOLDER/dataset exists, and solves copies of it with fresh sensor noise, one after
 another (one core; a copy has 3,000 frames). You can stop it at any time; it resumes where it stopped.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.camera.model import Camera, distorts
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
@@ -69,6 +70,7 @@ class SolvedFrame:
     pose_s: float
 
 
+@one_blas_thread()
 def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowledge: Knowledge = None) -> SolvedFrame:
     """Solve every circle of a frame with every method and every camera.
 
