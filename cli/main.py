@@ -76,7 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 _AFTER_INTERRUPT = {
     **dict.fromkeys(("render", "develop", "run"), "; rendered frames are kept"),
-    **dict.fromkeys(("solve", "validate", "calibrate", "compare"), "; no results are written"),
+    "solve": "; run the same command again to continue",
+    **dict.fromkeys(("validate", "calibrate", "compare"), "; no results are written"),
 }
 
 

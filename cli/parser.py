@@ -137,6 +137,9 @@ def _add_solving(add: AddVerb) -> None:
     solve.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames of a dataset")
     solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; repeatable")
     solve.add_argument(
+        "--jobs", type=count, default=1, metavar="N", help="number of processes (default 1); the results are the same"
+    )
+    solve.add_argument(
         "--knowledge",
         metavar="WORDS",
         help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "

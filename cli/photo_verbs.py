@@ -57,6 +57,7 @@ def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
             knowledge=knowledge,
             linear=arguments.linear,
             progress=show,
+            jobs=arguments.jobs,
         )
     failed = 0
     for result in results:

@@ -183,6 +183,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
             knowledge=_knowledge(arguments.knowledge or wanted.get("knowledge")),
             progress=show,
             on_warning=_warn,
+            jobs=arguments.jobs,
         )
     print(f"{arguments.out}: {_counted(counts)}")
     return 0
@@ -253,6 +254,7 @@ def do_run(arguments: argparse.Namespace) -> int:
             knowledge=_knowledge(study.solve.knowledge),
             progress=show,
             on_warning=_warn,
+            jobs=arguments.jobs,
         )
     with progress("chessboards") as show:
         summary = validate_dataset(

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,14 @@ from roundel.datasets.fidelity.measure import measure_circle
 from roundel.datasets.finish import finish_dataset
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.radiance import encode_radiance
+from roundel.datasets.layout.worker_pool import in_order
 from roundel.datasets.numbers import check_resumable
 from roundel.datasets.resume import backend_to_resume, prepare, record, reopen
 from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start, variant_of
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
 from roundel.render.own_files import check_files
 from roundel.render.sensor.develop import develop
-from roundel.scenes.errors import DataError, UsageError
+from roundel.scenes.errors import UsageError
 from roundel.scenes.study.identity import frame_digest
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import Frame, frame_of, frames_of, group_ranges
@@ -117,24 +117,18 @@ def _work(frame_id: int) -> Done:
 
 def _rendered(
     study: Study, dataset: Path, frame_ids: list[int], jobs: int, backend: str, threads: int | None
-) -> Iterator[Done]:
-    """Results in order of completion."""
+) -> Generator[Done, None, None]:
+    """Results in the order of the frames."""
     if not frame_ids:
         return
-    # Start here first: if a worker cannot start, the pool only reports that it died.
+    # Start here first: an error is then known before any process is started.
     start(f"{backend}_ad_mono", threads)
     if jobs == 1:
         yield from render_frames((frame_of(study, i) for i in frame_ids), dataset, backend)
         return
     arguments = (str(study.path), study.digest(), str(dataset), backend, threads)
-    # One fresh interpreter per worker: Dr.Jit's threads do not survive a fork.
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _start_worker, arguments) as pool:
-        try:
-            yield from pool.map(_work, frame_ids)
-        except BrokenProcessPool as error:
-            raise DataError("a rendering process died; run the command again to continue") from error
-        finally:
-            pool.shutdown(cancel_futures=True)
+    died = "a rendering process died; run the command again to continue"
+    yield from in_order(jobs, _work, frame_ids, _start_worker, arguments, died)
 
 
 def render_study(
@@ -212,11 +206,11 @@ def render_study(
         reopen(dataset, entries)
     if progress:
         progress(len(wanted) - len(missing), len(wanted))
-    results = _rendered(study, dataset, missing, jobs, chosen, threads)
-    for done, (entry, seconds) in enumerate(results, start=len(wanted) - len(missing) + 1):
-        record(dataset, entries, entry, seconds)
-        if progress:
-            progress(done, len(wanted))
+    with closing(_rendered(study, dataset, missing, jobs, chosen, threads)) as results:
+        for done, (entry, seconds) in enumerate(results, start=len(wanted) - len(missing) + 1):
+            record(dataset, entries, entry, seconds)
+            if progress:
+                progress(done, len(wanted))
     if images - set(entries):
         return None
     made_by = environment(chosen) if images else {"variant": None}

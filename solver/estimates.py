@@ -175,6 +175,20 @@ class Estimate:
         return row
 
 
+def estimates_schema(dataset_id: str | None = None) -> pa.Schema:
+    """The schema, with the identity of the dataset as metadata, if there is one."""
+    if dataset_id is None:
+        return SCHEMA
+    return SCHEMA.with_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
+
+
+def estimates_table(estimates: Iterable[Estimate], dataset_id: str | None = None) -> pa.Table:
+    """Estimates as a table with the columns of `estimates.parquet`."""
+    rows = [row for estimate in estimates for row in estimate.rows()]
+    columns = {name: [row.get(name) for row in rows] for name in SCHEMA.names}
+    return pa.table(columns, schema=estimates_schema(dataset_id))
+
+
 def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id: str | None = None) -> None:
     """Write estimates as Parquet, atomically.
 
@@ -190,10 +204,6 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id:
     DataError
         If the file cannot be written.
     """
-    rows = [row for estimate in estimates for row in estimate.rows()]
-    table = pa.table({name: [row.get(name) for row in rows] for name in SCHEMA.names}, schema=SCHEMA)
-    if dataset_id is not None:
-        table = table.replace_schema_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
     buffer = io.BytesIO()
-    pq.write_table(table, buffer)
+    pq.write_table(estimates_table(estimates, dataset_id), buffer)
     write_file(path, buffer.getvalue())

@@ -10,7 +10,10 @@ import errno
 import hashlib
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from roundel.scenes.errors import DataError, UsageError
 
@@ -71,8 +74,9 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def write_file(path: str | Path, data: bytes) -> None:
-    """Write a file completely or not at all.
+@contextmanager
+def new_file(path: str | Path) -> Iterator[BinaryIO]:
+    """A file to write in steps; it appears under its name, complete, when the block ends without an error.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def write_file(path: str | Path, data: bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         # mkstemp makes files that only their owner can read; a dataset is meant for sharing.
@@ -100,6 +104,18 @@ def write_file(path: str | Path, data: bytes) -> None:
     finally:
         if temporary is not None and os.path.exists(temporary):
             os.unlink(temporary)
+
+
+def write_file(path: str | Path, data: bytes) -> None:
+    """Write a file completely or not at all.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written (for example, because the disk is full); no partial file is left.
+    """
+    with new_file(path) as file:
+        file.write(data)
 
 
 def link_file(source: Path, path: str | Path) -> None:

@@ -10,4 +10,7 @@ registry: All methods by name: Roundel's own, and plug-ins from the entry points
 roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five fits
 solve: Solve a dataset: every frame with every method and every intrinsics label, into one file
 solve_image: The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it
+solved_parts: Results of blocks of frames as they come: parts on disk, joined into the final files at the end
+worker_start: What solving in several processes takes: compiled kernels, one thread each, and arguments that can be
+    sent
 """

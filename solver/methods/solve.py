@@ -1,35 +1,45 @@
 """Solve a dataset: every frame with every method and every intrinsics label, into one file.
 
-Only images and cameras are read, never the truth.
+Only images and cameras are read, never the truth. Frames are solved in blocks, whose results are parts on disk until
+all are joined.
 """
 
 from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable, Sequence
+import pickle
+import secrets
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from roundel.datasets.layout.files import check_no_dataset, write_file
+from roundel.datasets.layout.files import MANIFEST, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
+from roundel.datasets.layout.worker_pool import in_order
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
-from roundel.solver.estimates import ESTIMATES, Estimate, write_estimates
+from roundel.solver.estimates import Estimate
 from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
-from roundel.solver.methods.plugin import View
+from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
+from roundel.solver.methods.solved_parts import PARTS, Tally, join_parts, part_name, read_part, write_part
+from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
 
 Progress = Callable[[int, int], None]
 
-TIMINGS = "timings.jsonl"
+# Frames of a block: at least this many blocks, so that the last ones end at about the same time in all processes.
+_BLOCKS, _LARGEST_BLOCK = 64, 64
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,7 @@ def solve_dataset(
     frames: range | None = None,
     progress: Progress | None = None,
     on_warning: Callable[[str], None] | None = None,
+    jobs: int = 1,
 ) -> dict[str, int]:
     """Estimate the pose of every circle in a dataset.
 
@@ -62,7 +73,8 @@ def solve_dataset(
     Parameters
     ----------
     dataset_path, out_path : path
-        `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, atomically.
+        `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, atomically. If the run is
+        killed, the same call continues where it stopped.
     methods : sequence of str
         See `roundel.solver.methods.registry.installed_methods`.
     intrinsics : sequence of str
@@ -78,6 +90,8 @@ def solve_dataset(
     on_warning : callable, optional
         Called with one line for each third-party method that failed by an exception or an invalid result: the number of
         frames, and the first reason. Its rows have the reason of each frame.
+    jobs : int
+        Number of processes. The estimates do not depend on it, to the byte.
 
     Returns
     -------
@@ -90,46 +104,121 @@ def solve_dataset(
         If a method, an intrinsics label or a group is unknown, no frame has a circular marker, or the output folder is
         a dataset.
     DataError
-        If a file is missing or corrupt, or the result cannot be written.
+        If a file is missing or corrupt, the result cannot be written, or a process died.
     """
     check_no_dataset(Path(out_path))
     loaded = load_methods(methods)
     check_knowledge(knowledge)
     images = open_images(dataset_path)
     todo = _frames(images, _specs(intrinsics), groups, frames)
-    estimates: list[Estimate] = []
-    timings: list[str] = []
-    counts = {"frames": len(todo), "detections": 0, "empty_frames": 0, "failed_estimates": 0}
-    for done, frame in enumerate(todo):
-        if progress:
-            progress(done, len(todo))
-        solved = solve_image(_input(images, frame), loaded, knowledge)
-        estimates += solved.estimates
-        counts["detections"] += solved.detections
-        counts["empty_frames"] += solved.detections == 0
-        counts["failed_estimates"] += sum(not estimate for estimate in solved.estimates)
-        seconds = {"detect_s": round(solved.detect_s, 6), "pose_s": round(solved.pose_s, 6)}
-        timings.append(json.dumps({"frame_id": frame.frame_id, "detections": solved.detections, **seconds}))
+    blocks, out = _blocks(todo), Path(out_path)
+    run = _Run(images, loaded, knowledge)
+    parts = [out / PARTS / name for name in _part_names(run, blocks)]
+    missing = [i for i, path in enumerate(parts) if read_part(path) is None]
+    done = len(todo) - sum(len(blocks[i]) for i in missing)
+    with closing(_solved(run, [(blocks[i], parts[i]) for i in missing], jobs)) as solved:
+        for count in solved:
+            if progress:
+                progress(done, len(todo))
+            done += count
     if progress:
-        progress(len(todo), len(todo))
-    out = Path(out_path)
-    write_estimates(estimates, out / ESTIMATES, images.dataset_id)
-    write_file(out / TIMINGS, "".join(f"{line}\n" for line in timings).encode())
+        progress(done, len(todo))
+    tally = join_parts(parts, out, images.dataset_id)
     if on_warning:
-        for line in _plugin_failures(estimates, [name for name, finder in loaded.items() if finder]):
-            on_warning(line)
-    return counts
+        for name in (name for name in loaded if name in tally.failures):
+            number, first, said = tally.failures[name]
+            on_warning(f"method {name} failed in {number} of the frames; first in frame {first}: {said}")
+    return tally.counts
 
 
-def _plugin_failures(estimates: list[Estimate], plugins: list[str]) -> list[str]:
-    """One line per third-party method that failed, except by finding nothing."""
-    out = []
+@dataclass(frozen=True)
+class _Run:
+    """What all frames share."""
+
+    images: Images
+    methods: dict[str, Finder | None]
+    knowledge: Knowledge
+
+
+def _blocks(todo: list[_Frame]) -> list[list[_Frame]]:
+    """Consecutive frames, by their number alone: a part has the same frames in every run."""
+    size = max(1, min(len(todo) // _BLOCKS, _LARGEST_BLOCK))
+    return [todo[i : i + size] for i in range(0, len(todo), size)]
+
+
+def _part_names(run: _Run, blocks: list[list[_Frame]]) -> list[str]:
+    """Names of the blocks' parts; another dataset, argument or version of Roundel gives other names."""
+    try:
+        shared = pickle.dumps((list(run.methods), run.knowledge, _source_stamp()))
+        manifest = (run.images.path / MANIFEST).read_bytes()
+        if not all(f is None or f.__module__.startswith("roundel.") for f in run.methods.values()):
+            raise ValueError("nothing tells whether a third-party method has changed")
+    except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError):
+        shared, manifest = secrets.token_bytes(), b""  # nothing to continue from
+    return [part_name(i, shared, manifest, pickle.dumps(block)) for i, block in enumerate(blocks)]
+
+
+def _source_stamp() -> tuple[Any, ...]:
+    """What tells two versions of the solver apart."""
+    rooms = Path(__file__).parents[2]
+    files = sorted(f for room in ("scenes", "solver") for f in (rooms / room).rglob("*.py"))
+    packages = [version(name) for name in ("roundel", "numpy", "scipy", "numba")]
+    return (*packages, *((f.stat().st_mtime_ns, f.stat().st_size) for f in files))
+
+
+def _solved(run: _Run, work: list[tuple[list[_Frame], Path]], jobs: int) -> Generator[int, None, None]:
+    """Solve blocks and write their parts; yields numbers of solved frames."""
+    jobs = min(jobs, len(work))
+    if jobs <= 1:
+        for block, part in work:
+            yield from _solve_block(run, block, part)
+        return
+    shared = pickled((run.images.path, run.knowledge))
+    warm_up()
+    died = "a solving process died, perhaps from lack of memory; run the command again to continue"
+    yield from in_order(jobs, _work, work, _start_worker, (shared, list(run.methods)), died)
+
+
+# A worker process keeps what all frames share.
+_worker: list[_Run] = []
+
+
+def _start_worker(shared: bytes, methods: list[str]) -> None:
+    one_opencv_thread()
+    path, knowledge = pickle.loads(shared)
+    _worker.append(_Run(open_images(path), load_methods(methods), knowledge))
+
+
+def _work(work: tuple[list[_Frame], Path]) -> int:
+    return sum(_solve_block(_worker[0], *work))
+
+
+def _solve_block(run: _Run, block: list[_Frame], part: Path) -> Generator[int, None, None]:
+    """Solve the frames of a block and write its part; yields 1 for each frame."""
+    estimates: list[Estimate] = []
+    tally = Tally()
+    for frame in block:
+        solved = solve_image(_input(run.images, frame), run.methods, run.knowledge)
+        estimates += solved.estimates
+        tally.counts["frames"] += 1
+        tally.counts["detections"] += solved.detections
+        tally.counts["empty_frames"] += solved.detections == 0
+        tally.counts["failed_estimates"] += sum(not estimate for estimate in solved.estimates)
+        seconds = {"detect_s": round(solved.detect_s, 6), "pose_s": round(solved.pose_s, 6)}
+        tally.timings.append(json.dumps({"frame_id": frame.frame_id, "detections": solved.detections, **seconds}))
+        yield 1
+    tally.failures = _plugin_failures(estimates, [name for name, finder in run.methods.items() if finder])
+    write_part(part, estimates, tally)
+
+
+def _plugin_failures(estimates: list[Estimate], plugins: list[str]) -> dict[str, tuple[int, int, str]]:
+    """Third-party methods that failed, except by finding nothing: frames, first frame_id, first reason."""
+    out = {}
     for name in plugins:
         wrong = [e for e in estimates if e.method == name and not e and e.reason != f"{name}: {NOTHING}"]
         if wrong:
-            frames = len({e.frame_id for e in wrong})
             said = wrong[0].reason.removeprefix(f"{name}: ")
-            out.append(f"method {name} failed in {frames} of the frames; first in frame {wrong[0].frame_id}: {said}")
+            out[name] = len({e.frame_id for e in wrong}), wrong[0].frame_id, said
     return out
 
 

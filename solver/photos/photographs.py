@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+import pickle
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from roundel.datasets.layout.files import check_no_dataset, write_file
+from roundel.datasets.layout.worker_pool import in_order
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
@@ -18,6 +22,7 @@ from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
+from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_file import Photo, read_photo
 from roundel.solver.photos.photo_report import PhotoResult, distance_label, readable
@@ -37,6 +42,7 @@ def solve_photographs(
     knowledge: Knowledge = None,
     linear: bool = False,
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> list[PhotoResult]:
     """Estimate the pose of every circle in photographs.
 
@@ -61,6 +67,8 @@ def solve_photographs(
         Whether pixel values are proportional to light instead of sRGB-encoded.
     progress : callable, optional
         Called with (photographs done, total photographs).
+    jobs : int
+        Number of processes. The results do not depend on it; the pictures are written as they come.
 
     Returns
     -------
@@ -72,7 +80,7 @@ def solve_photographs(
     UsageError
         If an argument is wrong, the folder is a dataset, or the intrinsics need a camera that no photograph has.
     DataError
-        If the result cannot be written.
+        If the result cannot be written, or a process died.
     """
     check_no_dataset(Path(out_path))
     loaded = load_methods(methods)
@@ -83,14 +91,15 @@ def solve_photographs(
     for spec in specs or []:
         if spec.kind in ("true", "scaled"):
             raise UsageError(f"--intrinsics {spec.label}: a photograph's camera is not known; use exif or default")
-    out, names = Path(out_path), _overlay_names(paths)
+    out = Path(out_path)
+    photographs = [(i, Path(p), name) for i, (p, name) in enumerate(zip(paths, _overlay_names(paths), strict=True))]
+    run = _Run(out, diameter_m, loaded, specs, knowledge, linear)
     results: list[PhotoResult] = []
-    for frame_id, path in enumerate(paths):
-        if progress:
-            progress(frame_id, len(paths))
-        results.append(
-            _solve_one(frame_id, Path(path), names[frame_id], out, diameter_m, loaded, specs, knowledge, linear)
-        )
+    with closing(_solved(run, photographs, jobs)) as solved:
+        for result in solved:
+            if progress:
+                progress(len(results), len(paths))
+            results.append(result)
     if progress:
         progress(len(paths), len(paths))
     write_estimates([e for result in results for e in result.estimates], out / ESTIMATES)
@@ -111,23 +120,55 @@ def _overlay_names(paths: Sequence[str | Path]) -> list[str]:
     return names
 
 
-def _solve_one(
-    frame_id: int,
-    path: Path,
-    overlay: str,
-    out: Path,
-    diameter_m: float,
-    methods: Mapping[str, Finder | None],
-    specs: list[Intrinsics] | None,
-    knowledge: Knowledge,
-    linear: bool,
-) -> PhotoResult:
+@dataclass(frozen=True)
+class _Run:
+    """What all photographs share."""
+
+    out: Path
+    diameter_m: float
+    methods: Mapping[str, Finder | None]
+    specs: list[Intrinsics] | None
+    knowledge: Knowledge
+    linear: bool
+
+
+# Position, file, and file name of the picture.
+_Photograph = tuple[int, Path, str]
+
+
+def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[PhotoResult, None, None]:
+    jobs = min(jobs, len(photographs))
+    if jobs <= 1:
+        yield from (_solve_one(run, photograph) for photograph in photographs)
+        return
+    shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.linear))
+    warm_up()
+    died = "a solving process died, perhaps from lack of memory; run the command again with fewer jobs"
+    yield from in_order(jobs, _work, photographs, _start_worker, (shared, list(run.methods)), died)
+
+
+_worker: list[_Run] = []
+
+
+def _start_worker(shared: bytes, methods: list[str]) -> None:
+    one_opencv_thread()
+    out, diameter_m, specs, knowledge, linear = pickle.loads(shared)
+    _worker.append(_Run(out, diameter_m, load_methods(methods), specs, knowledge, linear))
+
+
+def _work(photograph: _Photograph) -> PhotoResult:
+    return _solve_one(_worker[0], photograph)
+
+
+def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
+    frame_id, path, overlay = photograph
+    diameter_m, specs = run.diameter_m, run.specs
     try:
-        photo = read_photo(path, linear)
+        photo = read_photo(path, run.linear)
     except DataError as error:
         reason = str(error).removeprefix(f"{path}: ")
         labels = [spec.label for spec in specs] if specs else ["default"]
-        rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", reason) for m in methods for label in labels]
+        rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", reason) for m in run.methods for label in labels]
         return PhotoResult(path.as_posix(), "failed", reason, estimates=rows)
     cameras, refused = _cameras(photo, specs)
 
@@ -135,13 +176,13 @@ def _solve_one(
         return View(photo.picture.copy(), camera, diameter_m)
 
     given = SolverInput(diameter_m, cameras, photo.grey, photo.saturation_dn, view=view, frame_id=frame_id)
-    solved = solve_image(given, methods, knowledge)
-    rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", r) for m in methods for label, r in refused.items()]
+    solved = solve_image(given, run.methods, run.knowledge)
+    rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", r) for m in run.methods for label, r in refused.items()]
     estimates, found = [*solved.estimates, *rows], solved.detections
     reason = next(iter(refused.values()), "") or ("" if found else _why_nothing(solved.estimates))
     status = "failed" if refused else "ok" if found else "no circle"
     file = f"{OVERLAYS}/{overlay}"
-    write_file(out / file, _picture(photo, cameras, estimates, diameter_m, reason))
+    write_file(run.out / file, _picture(photo, cameras, estimates, diameter_m, reason))
     size = photo.width_px, photo.height_px
     return PhotoResult(path.as_posix(), status, reason, *size, cameras, estimates, found, file)
 

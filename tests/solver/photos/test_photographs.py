@@ -257,3 +257,18 @@ def test_knowledge_chooses(shots, tmp_path):
     assert "the declared normal" in estimate.choice_basis
     rows = read_estimates(tmp_path).to_pylist()
     assert [row["chosen"] for row in rows] == [i == estimate.chosen for i in range(2)]
+
+
+def test_two_processes_give_the_same_files(shots, tmp_path):
+    paths = [*shots.values(), tmp_path / "none.png"]
+    for jobs in (1, 2):
+        seen = []
+        results = solve_photographs(
+            paths, tmp_path / f"out{jobs}", 0.08, jobs=jobs, progress=lambda *now, seen=seen: seen.append(now)
+        )
+        assert [r.file for r in results] == [p.as_posix() for p in paths]
+        assert seen == [(i, len(paths)) for i in range(len(paths) + 1)]
+    first, second = (sorted((tmp_path / f"out{jobs}").rglob("*.*")) for jobs in (1, 2))
+    assert len(first) == 2 + len(shots) - 1  # a broken file has no picture
+    assert [p.name for p in first] == [p.name for p in second]
+    assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]

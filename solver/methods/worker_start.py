@@ -1,0 +1,43 @@
+"""What solving in several processes takes: compiled kernels, one thread each, and arguments that can be sent."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+
+from roundel.scenes.errors import UsageError, first_line
+from roundel.solver.methods.locate import locate
+
+
+def warm_up() -> None:
+    """Solve a small drawn disc, which compiles the kernels: later processes load them from the cache.
+
+    Otherwise each of them would compile its own.
+    """
+    y, x = np.mgrid[:96, :128]
+    inside = np.clip(30.5 - np.hypot((x - 63.2) / 1.2, y - 47.6), 0.0, 1.0)
+    locate(np.rint(200 - 150 * inside).astype(np.uint8), 1.0)
+
+
+def one_opencv_thread() -> None:
+    """Hold OpenCV to one thread in this process, for workers: they share the cores already."""
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def pickled(arguments: tuple[Any, ...]) -> bytes:
+    """Arguments as bytes.
+
+    Raises
+    ------
+    UsageError
+        If they hold knowledge of a class that another process cannot find.
+    """
+    try:
+        return pickle.dumps(arguments)
+    except (TypeError, AttributeError, pickle.PicklingError) as error:
+        reason = first_line(error)
+        raise UsageError(f"this knowledge cannot be sent to other processes; use one job ({reason})") from error
