@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from roundel.scenes.geometry.conic import ellipse_perimeter_px
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit, shape_of_ellipse
 from roundel.solver.fit.pixel_scene import PixelScene
-from roundel.solver.kernels.pixel_equations import RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
+from roundel.solver.kernels.pixel_equations import CLIPPED, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class FitState:
         Of the normal matrix.
     noise : (2,) array
         Variance of a pixel inside and outside, dn^2.
-    record : (N, 4) array
+    record : (N, 5) array
         Of the edge's pixels, see `pixel_equations`.
     """
 
@@ -102,8 +102,9 @@ def finished(state: FitState, scene: PixelScene) -> PixelFit | FailedFit:
     power, spread = _under_noise()
     residual, slope_dn, share, weight = (state.record[:, i] for i in (RESIDUAL, SLOPE, SHARE, WEIGHT))
     variance = state.noise[0] + (state.noise[1] - state.noise[0]) * share
-    information = slope_dn**2 / variance  # of each pixel on the position of the edge
-    pull = weight * slope_dn * residual
+    measured = state.record[:, CLIPPED] == 0.0
+    information = np.where(measured, slope_dn**2 / variance, 0.0)  # of each pixel on the position of the edge
+    pull = np.where(measured, weight * slope_dn * residual, 0.0)
     misfit = float(np.sum(pull**2) / np.sum(information)) / power
     count = len(scene.starts) - 1
     sector = np.repeat(np.arange(count), np.diff(scene.starts))

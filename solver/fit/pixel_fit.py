@@ -60,6 +60,7 @@ _FAILURES = {
     DIVERGED: "the ellipse diverges from its edge points",
     UNSETTLED: "the fit to the pixels does not converge",
 }
+_UNEVEN_LIGHT = 0.3  # standard deviation of the level functions, in contrasts: weak, for what clipped pixels hide
 _INK = 1.0  # standard deviation of the variance of the ink's soft edge, in variances of the blur
 _EXTRA = (SMEAR, SMEAR + 1, INK)
 _BASE = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradient
@@ -100,7 +101,7 @@ def fit_pixels(
     scene = scene_of(np.ascontiguousarray(image, dtype=np.float32), edges, lens, full_scale_dn)
     if isinstance(scene, FailedFit):
         return scene
-    priors = np.array([0.0, 1.0, _INK * max(edges.blur_px, 0.3) ** 2])
+    priors = np.array([0.0, 1.0, _INK * max(edges.blur_px, 0.3) ** 2, _UNEVEN_LIGHT * abs(edges.contrast_dn)])
     fit = _Fit(scene, edges, full_scale_dn, np.full(2, _FLOOR_DN2), priors)
     # A first look at the residuals decides what the model needs: errors of blur and shape resemble level functions.
     state = _fitted(fit, _first_state(fit), rough=True)
@@ -114,7 +115,7 @@ def fit_pixels(
         return again
     state = again
     spread_dn = math.sqrt(float(np.mean(state.noise)))
-    if spread_dn > _UNEVEN * max(edges.noise_dn, _ROUNDING_DN):
+    if not any(scene.clipped) and spread_dn > _UNEVEN * max(edges.noise_dn, _ROUNDING_DN):
         return FailedFit("the light on the marker is too uneven for smooth grey levels")
     return finished(state, scene)
 
@@ -154,7 +155,8 @@ def _chosen(fit: _Fit, state: FitState) -> FitState:
     wide = state.parameters[VARIANCE] > (_WIDE_BLUR * float(fit.edges.ellipse[3])) ** 2
     for most in SIZES[2:] if not wide else SIZES[1:2]:
         most = min(most, fit.scene.basis.shape[1])
-        sizes = np.array([s for s in SIZES if s <= most])
+        # A clipped side does not show whether its light is even; the shades between do.
+        sizes = np.array([s for s in SIZES if s <= most and not (s == 1 and any(fit.scene.clipped))])
         normal, gradient = _equations(fit, state, np.array([*state.used, *_EXTRA]), int(sizes[-1]))
         scale = robust_scale_of(state.record)
         which, size = model_choice(normal, gradient, len(state.used), extras, sizes, len(state.table), scale)
@@ -186,7 +188,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
         part = slice(m + i * k, m + (i + 1) * k)
         normal[part, part] += grams[i] / state.noise[i]
         gradient[part] += (moments[i] - grams[i] @ levels[i]) / state.noise[i]
-    add_priors(used, state.parameters, fit.priors, np.zeros((5, 5)), normal, gradient)
+    add_priors(used, state.parameters, levels, fit.priors, np.zeros((5, 5)), normal, gradient)
     # The levels enter linearly: back to zero from the coefficients that the state has.
     at = np.concatenate([np.zeros(m), np.where(np.arange(k) > 0, levels, 0.0).ravel()])
     return normal, gradient + normal @ at

@@ -174,7 +174,7 @@ def _clipping(
 def _most_functions(pixels: int, clipped: tuple[bool, bool]) -> int:
     """The largest number of level functions that this number of pixels can determine."""
     if any(clipped):  # what a clipped level does beside the edge is unknown
-        return SIZES[0]
+        return SIZES[1]
     return SIZES[3] if pixels > 40 * SIZES[3] else SIZES[2] if pixels > 40 * SIZES[2] else SIZES[1]
 
 

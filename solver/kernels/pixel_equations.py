@@ -38,9 +38,9 @@ Array = NDArray[np.float64]
 # edge at the semi-major axis; response curve (0 linear, 1 sRGB); rates of the shape, px/s.
 VARIANCE, DISC, GRADIENT, SMEAR, INK, CURVE, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 13, 18
 
-# Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight; step
-# response.
-RESIDUAL, SLOPE, SHARE, WEIGHT, RECORD = 0, 1, 2, 3, 4
+# Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight, and 1 if the
+# pixel is clipped (its residual and weight are then those of its likelihood's tangent).
+RESIDUAL, SLOPE, SHARE, WEIGHT, CLIPPED, RECORD = 0, 1, 2, 3, 4, 5
 
 DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not visible
 _SAME_DISC = 0.01  # relative change of the variance within which a table is scaled
@@ -98,7 +98,7 @@ def pixel_equations(
         Working memory: the table of a disc's blur, and in its last row the variance and the ends of the table.
     normal, gradient : (m + 2 k, m + 2 k) and (m + 2 k,) arrays
         Written.
-    record : (N, 4) array
+    record : (N, 5) array
         Written; see the constants of this module.
     """
     m, k = len(used), levels.shape[1]
@@ -195,7 +195,9 @@ def pixel_equations(
         share = min(max(t, 0.0), 1.0)
         residual = pixel[VALUE] - predicted
         weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
+        record[i, CLIPPED] = 0.0
         if pixel[VALUE] >= clip_dn:
+            record[i, CLIPPED] = 1.0
             # -log Phi((predicted - clip) / sigma): its gradient and curvature as a residual and a weight.
             root = math.sqrt(weight)
             over = min(max((predicted - clip_dn) * root, -8.0), 8.0)

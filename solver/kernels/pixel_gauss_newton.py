@@ -12,6 +12,7 @@ from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import CURVATURE
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.pixel_equations import (
+    CLIPPED,
     CURVE,
     DISC,
     DISC_VARIANCE,
@@ -79,7 +80,7 @@ def noise_variances(
     grams, moments, squares, counts : (2, K, K), (2, K), (2,), (2,) arrays
         Sums over the pixels of both plateaus.
     levels : (2, k) array
-    record : (N, 4) array
+    record : (N, 5) array
         See `pixel_equations`; the nearly flat pixels of the edge are included.
     floor : (2,) array
         Least variance on each side: rounding.
@@ -94,7 +95,7 @@ def noise_variances(
         number[i] = counts[i]
     both, every = total[0] + total[1], number[0] + number[1]
     for i in range(len(record)):
-        if record[i, WEIGHT] == 0.0:
+        if record[i, WEIGHT] == 0.0 or record[i, CLIPPED] == 1.0:
             continue
         square = record[i, RESIDUAL] ** 2
         edge, pixels = edge + square, pixels + 1
@@ -102,8 +103,20 @@ def noise_variances(
         if side >= 0:
             total[side] += square
             number[side] += 1
-    if min(number[0], number[1]) >= 12 + unknowns:
+    fewest = 12 + unknowns
+    if min(number[0], number[1]) >= fewest:
         noise[0], noise[1] = total[0] / (number[0] - k), total[1] / (number[1] - k)
+    elif max(number[0], number[1]) >= fewest:
+        # The other side is clipped, or out of sight: its noise is extrapolated from that of the shades between.
+        known = 0 if number[0] >= fewest else 1
+        noise[known] = total[known] / (number[known] - k)
+        shares, excess = 0.0, 0.0
+        for i in range(len(record)):
+            if record[i, WEIGHT] > 0.0 and record[i, CLIPPED] == 0.0:
+                share = record[i, SHARE] if known == 0 else 1.0 - record[i, SHARE]
+                shares += share * share
+                excess += share * (record[i, RESIDUAL] ** 2 - noise[known])
+        noise[1 - known] = max(noise[known] + excess / max(shares, 1.0), noise[known] / 4.0)
     else:
         noise[:] = (both + edge) / max(every + pixels - unknowns - 6, 1.0)
     # A plateau without noise (clipped or synthetic) gets its rounding's, and at most 64 times the other's weight.
@@ -120,7 +133,7 @@ def robust_scale_of(record: Array) -> float:
         steepest = max(steepest, abs(record[i, SLOPE]))
     counts, total = np.zeros(bins + 1), 0
     for i in range(len(record)):
-        if abs(record[i, SLOPE]) > 0.2 * steepest and record[i, WEIGHT] > 0.0:
+        if abs(record[i, SLOPE]) > 0.2 * steepest and record[i, WEIGHT] > 0.0 and record[i, CLIPPED] == 0.0:
             ratio = abs(record[i, RESIDUAL]) * math.sqrt(record[i, WEIGHT])
             counts[min(int(ratio / width), bins)] += 1
             total += 1
@@ -133,11 +146,12 @@ def robust_scale_of(record: Array) -> float:
 
 @compiled
 def add_priors(
-    used: NDArray[np.int64], parameters: Array, priors: Array, rates_information: Array, normal: Array, gradient: Array
+    used: NDArray[np.int64], parameters: Array, levels: Array, priors: Array, rates_information: Array, normal: Array, gradient: Array
 ) -> None:
     """Add the prior knowledge of the parameters to the normal equations.
 
-    `priors` (3,) has the mean and the standard deviation of the response curve, and that of the ink's soft edge, px^2;
+    `priors` (4,) has the mean and the standard deviation of the response curve, that of the ink's soft edge, px^2, and
+    that of the level functions (but for the constants), dn;
     `rates_information` (5, 5) is the inverse covariance of the rates, whose mean is zero.
     """
     width = max(parameters[VARIANCE], DISC_VARIANCE)
@@ -163,6 +177,12 @@ def add_priors(
                     information = rates_information[p - RATES, used[i] - RATES]
                     normal[j, i] += information
                     gradient[j] -= information * parameters[used[i]]
+    k = levels.shape[1]
+    for i in range(2):
+        for j in range(1, k):
+            at = len(used) + i * k + j
+            normal[at, at] += 1.0 / priors[3] ** 2
+            gradient[at] -= levels[i, j] / priors[3] ** 2
 
 
 @compiled
@@ -249,7 +269,7 @@ def gauss_newton(
             design, discs, normal, gradient, record,
         )  # fmt: skip
         progress[2] = robust_scale_of(record)
-        add_priors(used, parameters, priors, rates_information, normal, gradient)
+        add_priors(used, parameters, levels, priors, rates_information, normal, gradient)
         for i in range(2):
             for a in range(k):
                 at = m + i * k + a
