@@ -26,6 +26,16 @@ def _cost(size: int, count: int) -> float:
 
 
 @compiled
+def _cost_of_extra(added: int, count: int) -> float:
+    """What further parameters of the edge have to explain.
+
+    A soft edge of the ink (one parameter) that is taken for blur shifts the radius by many of its standard deviations,
+    so two of its own are enough; a smear (two) shifts nothing.
+    """
+    return 4.0 if added == 1 else 2.0 * added * math.log(count)
+
+
+@compiled
 def model_choice(
     normal: Array,
     gradient: Array,
@@ -84,7 +94,7 @@ def model_choice(
             for i in range(n):
                 for j in range(n):
                     explained += gradient[use[i]] * inverse[i, j] * gradient[use[j]]
-            score = explained / (scale * scale) - 2.0 * added * math.log(count) - _cost(size, count)
+            score = explained / (scale * scale) - _cost_of_extra(added, count) - _cost(size, count)
             if score > best:
                 best, best_set, best_size = score, chosen, size
     return best_set, best_size

@@ -112,9 +112,11 @@ def pixel_equations(
         fits_curve = fits_curve or used[j] == CURVE
     curved = fits_curve or curve != 0.0
     total = variance + PIXEL_VARIANCE
-    round_blur = variance > DISC_VARIANCE
-    if round_blur and abs(variance - discs[STEPS, 0]) > _SAME_DISC * variance:
-        discs[STEPS, 0], discs[STEPS, 1] = variance, disc_table(variance, discs)
+    # The shape of the blur is that of lens and ink together; only the lens blurs along the edge, too.
+    wide = max(variance + ink, MIN_VARIANCE)
+    round_blur, of_lens = wide > DISC_VARIANCE, min(variance / wide, 1.0)
+    if round_blur and abs(wide - discs[STEPS, 0]) > _SAME_DISC * wide:
+        discs[STEPS, 0], discs[STEPS, 1] = wide, disc_table(wide, discs)
     moving = False
     for j in range(m):
         moving = moving or used[j] >= RATES
@@ -151,7 +153,7 @@ def pixel_equations(
         widening, change, moment = bend / 2.0, 0.0, (own + PIXEL_VARIANCE) * slope
         if round_blur:
             change, by_distance, by_variance, by_slope = disc_minus_gauss(
-                z, bent, discs[STEPS, 0], own, discs, discs[STEPS, 1]
+                z, of_lens * bent, discs[STEPS, 0], own, discs, discs[STEPS, 1]
             )
             t += disc * change
             slope += disc * by_distance

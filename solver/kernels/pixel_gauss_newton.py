@@ -40,8 +40,8 @@ _CLOSE_PX, _CLOSE = 0.02, 1.0  # within such a step the residuals are those of t
 _RELINEARISE_PX = 0.04  # distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho
 _TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 _NEARLY_FLAT = 0.1  # fraction of the step
-# Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur is slightly beyond.
-_DISC_SIGMA, _DISC_LOWEST, _DISC_HIGHEST = 1.0, -1.0, 1.5
+# Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur and the ramp of soft ink are beyond.
+_DISC_SIGMA, _DISC_LOWEST, _DISC_HIGHEST = 1.0, -1.0, 1.7
 # A tilted plane is more defocused on one side: the radius changes linearly across it, usually by a few per cent. The
 # radius at the edge, not at the pixel, decides on which side of the edge a ray meets the print.
 _GRADIENT = 0.15
@@ -141,7 +141,8 @@ def robust_scale_of(record: Array) -> float:
     while at < bins and below + counts[at] < total / 2.0:
         below += counts[at]
         at += 1
-    return max(1.0, 1.4826 * (at + 0.5) * width)
+    inside = (total / 2.0 - below) / counts[at] if counts[at] > 0 else 0.5
+    return max(1.0, 1.4826 * (at + inside) * width)
 
 
 @compiled
@@ -221,6 +222,24 @@ def largest_shift(jacobian: Array, step: Array) -> float:
 
 
 @compiled
+def newton_step(normal: Array, gradient: Array, inverse: Array, step: Array) -> float:
+    """Write the inverse of a normal matrix and the step; returns the squared step in its own standard deviations.
+
+    Not finite if the matrix is singular.
+    """
+    if not inverse_of(normal, inverse):
+        step[:] = 0.0
+        return math.nan
+    decrement = 0.0
+    for a in range(len(step)):
+        step[a] = 0.0
+        for b in range(len(step)):
+            step[a] += inverse[a, b] * gradient[b]
+        decrement += step[a] * gradient[a]
+    return decrement
+
+
+@compiled
 def gauss_newton(
     table: Array,
     jacobian: Array,
@@ -261,6 +280,9 @@ def gauss_newton(
     m, k = len(used), levels.shape[1]
     size = m + 2 * k
     normal, inverse, gradient, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
+    frozen, inked = np.empty((size, size)), False
+    for j in range(m):
+        inked = inked or used[j] == INK
     design, discs = np.empty((size, len(table))), np.zeros((STEPS + 1, 5))
     while progress[0] < MAX_STEPS:
         progress[0] += 1
@@ -277,16 +299,15 @@ def gauss_newton(
                 for b in range(k):
                     normal[at, m + i * k + b] += grams[i, a, b] / noise[i]
                     gradient[at] -= grams[i, a, b] * levels[i, b] / noise[i]
-        if not inverse_of(normal, inverse):
+        decrement = newton_step(normal, gradient, inverse, step)
+        ended = inked and step[VARIANCE] < 0.0 and parameters[VARIANCE] <= MIN_VARIANCE
+        if ended:  # the ink is all of the blur: the others go on without it
+            frozen[:] = normal
+            frozen[VARIANCE, :], frozen[:, VARIANCE], gradient[VARIANCE] = 0.0, 0.0, 0.0
+            frozen[VARIANCE, VARIANCE] = 1.0
+            decrement = newton_step(frozen, gradient, inverse, step)
+        if not math.isfinite(decrement):
             return UNDETERMINED, parameters, levels, inverse
-        decrement = 0.0
-        for a in range(size):
-            step[a] = 0.0
-            for b in range(size):
-                step[a] += inverse[a, b] * gradient[b]
-            decrement += step[a] * gradient[a]
-            if not math.isfinite(step[a]):
-                return UNDETERMINED, parameters, levels, inverse
         moved_px = largest_shift(jacobian, step[:5])
         # The blur converges last: its step is measured by the shift of the edge's flanks, and limited to a third.
         flank_px = math.sqrt(parameters[VARIANCE] + PIXEL_VARIANCE)
@@ -315,6 +336,8 @@ def gauss_newton(
             if rough:
                 return CONVERGED, parameters, levels, inverse
         elif progress[1] > 0.0 and (largest < _SETTLED_PX or decrement < _SETTLED):
+            if ended:
+                inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse
         if total > _RELINEARISE_PX:
             return MOVED, parameters, levels, inverse
