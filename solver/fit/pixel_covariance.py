@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.geometry.conic import ellipse_perimeter_px
+from roundel.solver.fit.contour_sectors import shared_excess
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit, shape_of_ellipse
 from roundel.solver.fit.pixel_scene import PixelScene
 from roundel.solver.kernels.pixel_equations import CLIPPED, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
@@ -74,6 +75,8 @@ class PixelFit(EllipseFit):
         Number of pixels used.
     clipped_fraction : float
         Share of clipped pixels along the contour.
+    rejected_fraction : float
+        Share of the contour that shows an edge, but not the ellipse's (an occluder, a shadow's edge), and was left out.
     """
 
     blur_px: float
@@ -82,6 +85,7 @@ class PixelFit(EllipseFit):
     misfit: float
     pixels: int
     clipped_fraction: float
+    rejected_fraction: float
 
 
 def _under_noise() -> tuple[float, float]:
@@ -96,36 +100,94 @@ def _under_noise() -> tuple[float, float]:
     return power, power / slope**2 * mean
 
 
-def finished(state: FitState, scene: PixelScene) -> PixelFit | FailedFit:
-    """The result of a converged fit."""
-    theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
-    power, spread = _under_noise()
+@dataclass(frozen=True, eq=False)
+class Sectors:
+    """What a fit knows of each sector of the contour.
+
+    Attributes
+    ----------
+    offset, sigma : (S,) arrays
+        Offset of the edge outward from the ellipse and its standard deviation, px; infinite without pixels.
+    square : (S,) array
+        Mean square of the edge's residuals over their noise.
+    used : (S,) array of bool
+        Sectors with enough of the edge.
+    shape : (S, 5) array
+        Derivative of the distances by the ellipse.
+    """
+
+    offset: Array
+    sigma: Array
+    square: Array
+    used: NDArray[np.bool_]
+    shape: Array
+
+
+def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
+    """Offsets and residuals by sector."""
+    information, pull = _by_pixel(state)
+    steep = np.abs(state.record[:, SLOPE]) > 0.2 * float(np.max(np.abs(state.record[:, SLOPE]), initial=1e-300))
+    count = len(scene.starts) - 1
+    sector = np.repeat(np.arange(count), np.diff(scene.starts))
+
+    def summed(values: Array) -> Array:
+        return np.bincount(sector, values, minlength=count)
+
+    known, offset = summed(information), summed(pull)
+    used = known > 1e-3 * float(np.max(known, initial=0.0))
+    whole = np.where(used, known, 1.0)
+    noise = state.noise[0] + (state.noise[1] - state.noise[0]) * state.record[:, SHARE]
+    square = state.record[:, RESIDUAL] ** 2 / noise * (steep & (state.record[:, CLIPPED] == 0))
+    shape = np.stack([summed(information * column) for column in state.jacobian.T], axis=1) / whole[:, None]
+    # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
+    return Sectors(
+        np.where(used, -offset / whole, 0.0),
+        np.where(used, 1.0 / np.sqrt(whole), np.inf),
+        summed(square) / np.maximum(summed(steep.astype(np.float64)), 1.0),
+        used,
+        shape,
+    )
+
+
+def _by_pixel(state: FitState) -> tuple[Array, Array]:
+    """Information of each pixel on the position of the edge, and its pull on it; none of clipped pixels."""
     residual, slope_dn, share, weight = (state.record[:, i] for i in (RESIDUAL, SLOPE, SHARE, WEIGHT))
     variance = state.noise[0] + (state.noise[1] - state.noise[0]) * share
     measured = state.record[:, CLIPPED] == 0.0
-    information = np.where(measured, slope_dn**2 / variance, 0.0)  # of each pixel on the position of the edge
-    pull = np.where(measured, weight * slope_dn * residual, 0.0)
-    misfit = float(np.sum(pull**2) / np.sum(information)) / power
+    return np.where(measured, slope_dn**2 / variance, 0.0), np.where(measured, weight * slope_dn * residual, 0.0)
+
+
+def finished(state: FitState, scene: PixelScene, rejected_fraction: float) -> PixelFit | FailedFit:
+    """The result of a converged fit."""
+    theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
+    ellipse = ellipse_of_shape(theta)
+    power, spread = _under_noise()
+    information, pull = _by_pixel(state)
+    total = float(np.sum(information))
+    if not total > 0:
+        return FailedFit("the pixels do not determine an ellipse")
+    misfit = float(np.sum(pull**2)) / total / power
+    sectors = sectors_of(state, scene)
+    used = sectors.used
+    offset, sigma = sectors.offset[used], sectors.sigma[used]
+    # Errors shared by pixels of a sector, and by neighbouring sectors, do not average out like noise.
+    degrees = max(float(np.count_nonzero(used)) - 6.0, 1.0)
+    near = float(np.sum((offset / sigma) ** 2)) / degrees / power
     count = len(scene.starts) - 1
-    sector = np.repeat(np.arange(count), np.diff(scene.starts))
-    known, offset = np.bincount(sector, information, minlength=count), np.bincount(sector, pull, minlength=count)
-    usable = known > 1e-3 * float(np.max(known))
-    # Errors shared by pixels along the contour do not average out like noise; the sectors' offsets show them.
-    degrees = max(float(np.count_nonzero(usable)) - 6.0, 1.0)
-    shared = float(np.sum(offset[usable] ** 2 / known[usable])) / degrees / power
+    direction = (np.arange(count)[used] + 0.5) * (2 * math.pi / count)
     # Chi-square has a standard deviation of sqrt(2 / n): only more than three of them count as an error of the model.
-    effective = float(np.sum(information)) ** 2 / float(np.sum(information**2))
+    effective = total**2 / float(np.sum(information**2))
     raised = 1.0
-    for excess, freedom in ((misfit, effective), (shared, degrees)):
+    for excess, freedom in ((misfit, effective), (near, degrees)):
         if excess > 1.0 + 3.0 * math.sqrt(2.0 / freedom):
             raised = max(raised, excess)
+    raised = max(raised, shared_excess(offset, sigma, direction, sectors.shape[used]))
     shape_cov = state.inverse[:5, :5] * (raised * spread)
     if not np.all(np.diag(shape_cov) > 0):
         return FailedFit("the pixels do not determine an ellipse")
-    contour_px = float(np.sum(usable)) / count * float(ellipse_perimeter_px(ellipse_of_shape(theta)))
-    sigma_px = math.sqrt(raised * contour_px / float(np.sum(known)))
-    # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
-    fit = finished_fit(theta, -offset[usable] / known[usable], sigma_px**2, shape_cov)
+    contour_px = float(np.sum(used)) / count * float(ellipse_perimeter_px(ellipse))
+    sigma_px = math.sqrt(raised * contour_px / total)
+    fit = finished_fit(theta, offset, sigma_px**2, shape_cov)
     return PixelFit(
         fit.ellipse,
         fit.cov,
@@ -137,6 +199,7 @@ def finished(state: FitState, scene: PixelScene) -> PixelFit | FailedFit:
         contrast_dn=float(state.levels[1, 0] - state.levels[0, 0]),
         noise_dn=(math.sqrt(state.noise[0]), math.sqrt(state.noise[1])),
         misfit=misfit,
-        pixels=int(np.count_nonzero(weight)),
+        pixels=int(np.count_nonzero(state.record[:, WEIGHT])),
         clipped_fraction=scene.clipped_fraction,
+        rejected_fraction=rejected_fraction,
     )

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, distorts
 from roundel.solver.fit.band_pixels import place_pixels
+from roundel.solver.fit.contour_sectors import deviating_sectors
 from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, shape_of_ellipse
-from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished
+from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, sectors_of
 from roundel.solver.fit.pixel_scene import SIZES, PixelScene, scene_of, sums_of
 from roundel.solver.kernels.contour_pixels import DISTANCE, VALUE
 from roundel.solver.kernels.disc_blur import STEPS
@@ -52,9 +53,11 @@ _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 # The local levels of `edges` follow shadows and highlights that smooth functions cannot. At this ratio of both
 # residuals (1 to 1.2 in smooth light) its edge points are more accurate.
 _UNEVEN = 1.35
+_ROUNDS = 3  # of leaving out sectors
 _ROUNDING_DN = 0.3
 _FLOOR_DN2 = 1e-4  # no sensor is free of noise: a thousandth of the rounding's variance 1/12
 
+UNEVEN = "the light on the marker is too uneven for smooth grey levels"
 _FAILURES = {
     UNDETERMINED: "the pixels do not determine an ellipse",
     DIVERGED: "the ellipse diverges from its edge points",
@@ -98,10 +101,37 @@ def fit_pixels(
     PixelFit or FailedFit
     """
     lens = camera if camera is not None and distorts(camera) else None
-    scene = scene_of(np.ascontiguousarray(image, dtype=np.float32), edges, lens, full_scale_dn)
-    if isinstance(scene, FailedFit):
-        return scene
-    priors = np.array([0.0, 1.0, _INK * max(edges.blur_px, 0.3) ** 2, _UNEVEN_LIGHT * abs(edges.contrast_dn)])
+    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    trusted = edges.trusted
+    for _ in range(_ROUNDS):
+        scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
+        if isinstance(scene, FailedFit):
+            return scene
+        state = _settled(scene, edges, full_scale_dn)
+        if isinstance(state, FailedFit):
+            return state
+        if trusted is edges.trusted and not any(scene.clipped) and _is_uneven(state, edges):
+            return FailedFit(UNEVEN)
+        sectors = sectors_of(state, scene)
+        width = math.ceil((state.parameters[VARIANCE] + max(state.parameters[INK], 0.0)) ** 0.5)
+        bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.used, width)
+        if not np.any(bad):
+            break
+        trusted = trusted & ~bad
+    rejected = 1.0 - np.count_nonzero(trusted) / max(np.count_nonzero(edges.trusted), 1)
+    return finished(state, scene, float(rejected * np.mean(edges.trusted)))
+
+
+def _is_uneven(state: FitState, edges: EdgePoints) -> bool:
+    """Whether the local levels of the edge points follow the light better than smooth functions do."""
+    spread_dn = math.sqrt(float(np.mean(state.noise)))
+    return state.levels.shape[1] == SIZES[-1] or spread_dn > _UNEVEN * max(edges.noise_dn, _ROUNDING_DN)
+
+
+def _settled(scene: PixelScene, edges: EdgePoints, full_scale_dn: float) -> FitState | FailedFit:
+    """The converged fit, with what its model needs."""
+    contrast_dn, blur2 = abs(edges.contrast_dn), max(edges.blur_px, 0.3) ** 2
+    priors = np.array([0.0, 1.0, _INK * blur2, _UNEVEN_LIGHT * contrast_dn])
     fit = _Fit(scene, edges, full_scale_dn, np.full(2, _FLOOR_DN2), priors)
     # A first look at the residuals decides what the model needs: errors of blur and shape resemble level functions.
     state = _fitted(fit, _first_state(fit), rough=True)
@@ -111,13 +141,7 @@ def fit_pixels(
     again = _fitted(fit, chosen)
     if isinstance(again, FailedFit) and len(chosen.used) > len(_BASE):
         again = _fitted(fit, replace(chosen, used=_BASE))
-    if isinstance(again, FailedFit):
-        return again
-    state = again
-    spread_dn = math.sqrt(float(np.mean(state.noise)))
-    if not any(scene.clipped) and spread_dn > _UNEVEN * max(edges.noise_dn, _ROUNDING_DN):
-        return FailedFit("the light on the marker is too uneven for smooth grey levels")
-    return finished(state, scene)
+    return again
 
 
 def _first_state(fit: _Fit) -> FitState:

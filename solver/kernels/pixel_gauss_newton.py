@@ -147,7 +147,13 @@ def robust_scale_of(record: Array) -> float:
 
 @compiled
 def add_priors(
-    used: NDArray[np.int64], parameters: Array, levels: Array, priors: Array, rates_information: Array, normal: Array, gradient: Array
+    used: NDArray[np.int64],
+    parameters: Array,
+    levels: Array,
+    priors: Array,
+    rates_information: Array,
+    normal: Array,
+    gradient: Array,
 ) -> None:
     """Add the prior knowledge of the parameters to the normal equations.
 

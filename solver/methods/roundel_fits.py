@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.model import Camera, distorts, undistort_px
 from roundel.scenes.geometry.conic import ellipse_points
 from roundel.solver.detect.detect import Detection, detect
+from roundel.solver.fit.edge_fit import fit_edges
 from roundel.solver.fit.edges import edge_points
 from roundel.solver.fit.ellipse import (
     EllipseFit,
@@ -80,7 +81,7 @@ def fit_detection(seen: Detections, detection: Detection, camera: Camera, method
     # The points of a detection are only accurate enough to decide on it, so they are computed again.
     settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
     edges = detection.edges if isinstance(settled, FailedFit) else settled
-    return fit_points(edges.points_px, edges.sigma_px, camera, method)
+    return fit_points(edges.points_px, edges.sigma_px, camera, method, along_contour=True)
 
 
 def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit:
@@ -95,10 +96,12 @@ def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit
     return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
 
 
-def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:
+def fit_points(
+    points_px: Array, sigma_px: Array | None, camera: Camera, method: str, along_contour: bool = False
+) -> EllipseFit | FailedFit:
     """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
 
-    Points without undistorted coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
+    Points in the order of a contour (`along_contour`) show where it is not the ellipse's. Points without undistorted coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
     """
     points = undistort_px(camera, points_px)
     seen = np.isfinite(points).all(axis=1)
@@ -106,7 +109,7 @@ def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method:
         return FailedFit("the contour is outside the field of the camera's lens model")
     points, sigma_px = points[seen], None if sigma_px is None else sigma_px[seen]
     if method in ("ml", "pixels"):  # only points are available
-        return fit_ellipse(points, sigma_px)
+        return fit_edges(points, sigma_px) if along_contour and sigma_px is not None else fit_ellipse(points, sigma_px)
     if method == "guaranteed":
         return guaranteed_ellipse(points, sigma_px)
     if method == "direct":

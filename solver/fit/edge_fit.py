@@ -1,0 +1,69 @@
+"""The ellipse of edge points along a contour: sectors off it are left out, and shared errors widen its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.solver.fit.contour_sectors import deviating_sectors, direction_of, shared_excess
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit, fit_ellipse
+from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.kernels.trace_contour import shape_row
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeFit(EllipseFit):
+    """An ellipse fitted to edge points in the order of the contour.
+
+    Attributes
+    ----------
+    rejected_fraction : float
+        Share of the points that were left out.
+    """
+
+    rejected_fraction: float
+
+
+def fit_edges(points_px: Array, sigma_px: Array) -> EdgeFit | FailedFit:
+    """Orthogonal-distance fit to the points of a contour.
+
+    Parameters
+    ----------
+    points_px : (N, 2) array
+        In the order of the contour.
+    sigma_px : (N,) array
+        Standard deviations along the normal.
+
+    Returns
+    -------
+    EdgeFit or FailedFit
+    """
+    keep = np.ones(len(points_px), bool)
+    fit = fit_ellipse(points_px, sigma_px)
+    for _ in range(_ROUNDS):
+        if isinstance(fit, FailedFit):
+            return fit
+        distance, normal, u = foot_points(fit.ellipse, points_px)
+        bad = deviating_sectors(distance, sigma_px, np.ones(len(keep)), keep)
+        if not np.any(bad):
+            break
+        keep &= ~bad
+        fit = fit_ellipse(points_px[keep], sigma_px[keep], start=fit.ellipse)
+    if isinstance(fit, FailedFit):
+        return fit
+    distance, normal, u = foot_points(fit.ellipse, points_px[keep])
+    shape = np.empty((len(distance), 5))
+    for row, n, v in zip(shape, normal, u, strict=True):
+        shape_row(n[0], n[1], v[0], v[1], row)
+    # The fit's variance is that of its residuals; what they share comes on top.
+    scale = float(np.sqrt(np.mean((distance / sigma_px[keep]) ** 2)))
+    direction = direction_of(fit.ellipse, points_px[keep])
+    excess = shared_excess(distance, scale * sigma_px[keep], direction, shape) if scale > 0 else 1.0
+    wider = replace(fit, cov=fit.cov * excess, shape_cov=fit.shape_cov * excess)
+    return EdgeFit(**vars(wider), rejected_fraction=1.0 - float(np.mean(keep)))
