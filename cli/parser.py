@@ -130,9 +130,13 @@ def _add_solving(add: AddVerb) -> None:
         "calibrated:FILE; repeatable (default: the study's; for photographs exif, else default)",
     )
     solve.add_argument(
-        "--linear",
-        action="store_true",
-        help="pixel values of the photographs are proportional to light (default: sRGB)",
+        "--curve",
+        metavar="CURVE",
+        help="response curve of the photographs: linear, srgb, gamma:2.2, or estimate, from the edges of the circles "
+        "(default: what the file says, else sRGB)",
+    )
+    solve.add_argument(
+        "--linear", dest="curve", action="store_const", const="linear", help="the same as --curve linear"
     )
     solve.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames of a dataset")
     solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; repeatable")

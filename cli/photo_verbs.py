@@ -55,7 +55,7 @@ def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
             methods=tuple(arguments.method or [DEFAULT_METHOD]),
             intrinsics=arguments.intrinsics,
             knowledge=knowledge,
-            linear=arguments.linear,
+            curve=arguments.curve,
             progress=show,
             jobs=arguments.jobs,
         )

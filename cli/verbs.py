@@ -154,8 +154,8 @@ def do_solve(arguments: argparse.Namespace) -> int:
 
     if are_photographs(arguments.inputs):
         return solve_photos(arguments, _knowledge(arguments.knowledge))
-    if arguments.diameter_m is not None or arguments.linear:
-        option = "--linear" if arguments.linear else "--diameter-m"
+    if arguments.diameter_m is not None or arguments.curve is not None:
+        option = "--diameter-m" if arguments.curve is None else "--curve"
         raise UsageError(f"{option}: a dataset defines its own markers and sensor; leave it out")
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest

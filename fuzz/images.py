@@ -118,7 +118,7 @@ def check(image: NDArray[Any], diameter_m: float, camera: Camera | None, knowled
     before = np.array(image)
     began = time.perf_counter()
     try:
-        estimates = locate(image, diameter_m, camera, knowledge)
+        estimates = locate(image, diameter_m, camera, knowledge=knowledge)
     except ValueError as error:
         if not str(error) or "\n" in str(error):
             raise AssertionError("an error must be one line") from error

@@ -50,6 +50,12 @@ SCHEMA = pa.schema(
         pa.field("blur_px", pa.float64()),
         pa.field("contrast_dn", pa.float64()),
         pa.field("confidence", pa.float64()),
+        pa.field("clipped_fraction", pa.float64()),
+        pa.field("rejected_fraction", pa.float64()),
+        pa.field("misfit", pa.float64()),
+        pa.field("fit_used", pa.string()),
+        pa.field("curve", pa.string()),
+        pa.field("caveats", pa.list_(pa.string())),
         pa.field("focal_sigma", pa.float64()),
         pa.field("intrinsics_basis", pa.string()),
         pa.field("choice_basis", pa.string()),
@@ -99,6 +105,18 @@ class Estimate:
         estimates from an image.
     confidence : float or None
         Confidence that this is the image of a circle, 0 to 1; see `solver.detect`.
+    clipped_fraction, rejected_fraction : float or None
+        Fraction of the edge's pixels that are clipped, and of the contour that was left out because it does not follow
+        the model (occluder, shadow, highlight, outside the image).
+    misfit : float or None
+        Reduced chi-square of the edge's pixels: 1 if they deviate from the model by their noise alone. If it is more
+        than chance, it is included in `cov`.
+    fit_used : str
+        The fit of the ellipse; if it is not the requested one, followed by the reason: `ml: too few pixels ...`.
+    curve : str
+        The response curve that was undone and how it is known: `srgb: estimated from the edges of 3 contours`.
+    caveats : tuple of str
+        What the model did not hold for, one short sentence each.
     focal_sigma : float or None
         Standard deviation of the assumed focal length, as a fraction of it; included in `cov`.
     intrinsics_basis, choice_basis : str
@@ -129,6 +147,12 @@ class Estimate:
     intrinsics_basis: str = ""
     choice_basis: str = ""
     centre_image: Array | None = None
+    clipped_fraction: float | None = None
+    rejected_fraction: float | None = None
+    misfit: float | None = None
+    fit_used: str = ""
+    curve: str = ""
+    caveats: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         return self.status == "ok"
@@ -152,6 +176,12 @@ class Estimate:
             "blur_px": self.blur_px,
             "contrast_dn": self.contrast_dn,
             "confidence": self.confidence,
+            "clipped_fraction": self.clipped_fraction,
+            "rejected_fraction": self.rejected_fraction,
+            "misfit": self.misfit,
+            "fit_used": self.fit_used or None,
+            "curve": self.curve or None,
+            "caveats": list(self.caveats),
             "focal_sigma": self.focal_sigma,
             "intrinsics_basis": self.intrinsics_basis,
             "choice_basis": self.choice_basis,

@@ -30,7 +30,7 @@ from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import Frame, frames_of
 from roundel.solver.detect.detect import Detection, detect
 from roundel.solver.fit.ellipse import FailedFit, direct_ellipse
-from roundel.solver.fit.image_levels import grey_levels
+from roundel.solver.photometry.image_levels import grey_levels
 from roundel.validate.statistics.intervals import wilson_interval
 
 Array = NDArray[np.float64]

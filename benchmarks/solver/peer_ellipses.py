@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import open_dataset
 from roundel.scenes.geometry.pose import angle_deg
-from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.methods.roundel_fits import METHODS, detect_circles, fit_detection
+from roundel.solver.photometry.image_levels import grey_levels
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

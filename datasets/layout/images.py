@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout import files
 from roundel.scenes.camera.model import Camera, camera_from_json
+from roundel.scenes.camera.response_curve import ResponseCurve, gamma_curve
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
-from roundel.scenes.camera.srgb import srgb_to_linear
 from roundel.scenes.errors import DataError, first_line
 
 
@@ -68,6 +68,25 @@ class Images:
         """The printed markers: marker_id, kind, diameter_m, layout. No pose."""
         return list(self.records[i]["markers"])
 
+    def image_path(self, i: int) -> Path:
+        """The image file."""
+        return self.path / str(self.records[i]["image"])
+
+    def curve(self, i: int) -> ResponseCurve | None:
+        """Response curve of the delivered image; None if no sensor is recorded."""
+        sensor = self.records[i].get("sensor")
+        if sensor is None:
+            return None
+        basis = "the dataset's record of its sensor"
+        if sensor["curve"] == "gamma":
+            return gamma_curve(float(sensor["gamma"]), basis)
+        return ResponseCurve(str(sensor["curve"]), basis=basis)
+
+    def top_dn(self, i: int) -> float | None:
+        """Image-file level that the response curve maps to 1; None if no sensor is recorded."""
+        sensor = self.records[i].get("sensor")
+        return None if sensor is None else float((2 ** sensor["bits"] - 1) << sensor["stored_shift"])
+
     def image(self, i: int) -> NDArray[Any]:
         """Image (H, W) or (H, W, 3), uint8 or uint16.
 
@@ -76,7 +95,7 @@ class Images:
         DataError
             If the file is missing, truncated, or differs in size from its camera.
         """
-        path = self.path / str(self.records[i]["image"])
+        path = self.image_path(i)
         image = read_image(path)
         expected = (self.records[i]["height_px"], self.records[i]["width_px"])
         if image.shape[:2] != expected:
@@ -93,15 +112,12 @@ class Images:
         the result of `image(i)`, if it was already read.
         """
         image = self.image(i) if delivered is None else delivered
-        sensor = self.records[i].get("sensor")
-        if sensor is None:
+        curve, top, saturation = self.curve(i), self.top_dn(i), self.saturation_dn(i)
+        if curve is None or top is None or saturation is None:
             return image, None
-        saturation = float(sensor["saturation_dn"])
-        if sensor["curve"] == "linear":
+        if curve.identity:
             return image, saturation
-        top = float((2 ** sensor["bits"] - 1) << sensor["stored_shift"])
-        level = np.arange(np.iinfo(image.dtype).max + 1) / top
-        linear = srgb_to_linear(level) if sensor["curve"] == "srgb" else level ** float(sensor["gamma"])
+        linear = curve.light(np.arange(np.iinfo(image.dtype).max + 1) / top)
         return np.asarray(top * linear)[image], top * float(linear[round(saturation)])
 
     def points(self, i: int) -> dict[int, NDArray[np.float64]]:

@@ -9,6 +9,8 @@ lens_opencv: OpenCV's lens model on normalised coordinates: forward with its Jac
     inverse
 model: The camera: intrinsics, the lens model and the thin lens, in float64
 motion: Motion over the exposure: constant twists, and the exposure time of each sensor row
+response_curve: Response curve of an image: how its levels depend on the light, as a record with its source, and its
+    parser
 row_time: When rows are read, and what is known of the motion meanwhile: what a camera declares about its rolling
     shutter
 srgb: The sRGB curve (IEC 61966-2-1), both ways, on levels from 0 to 1

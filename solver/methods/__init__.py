@@ -1,5 +1,7 @@
 """Methods by name, Roundel's and third-party, and the chain from an image to estimates.
 
+estimate_caveats: Caveats of an estimate: numbers and sentences about how well its model holds, from its fit and its
+    image
 locate: `locate`: the circles of one image, given as an array, with both poses of each
 opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
     would write them

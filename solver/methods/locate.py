@@ -9,21 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, camera_problem
+from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
-from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.intrinsics.specification import parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
+from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
+from roundel.solver.photometry.photometry import Photometry, level_step
 
 
 def locate(
     image: NDArray[Any],
     diameter_m: float,
     camera: Camera | UncertainCamera | None = None,
+    curve: ResponseCurve | str | None = None,
     knowledge: Knowledge = None,
     method: str = DEFAULT_METHOD,
 ) -> list[Estimate]:
@@ -33,12 +36,16 @@ def locate(
     ----------
     image : (H, W) or (H, W, C) array
         Integer levels, or real numbers up to 1, 255 or 65,535; colours are averaged, a fourth channel is ignored.
-        Levels must be proportional to light; for photographs, `read_photo` undoes the encoding.
     diameter_m : float
         Outer diameter of the printed circles; pass 1 if it is unknown to get lengths in diameters.
     camera : Camera or UncertainCamera, optional
         A `Camera` is taken as exact. Default: the default phone's focal length with its standard deviation, a centred
         principal point, square pixels, no distortion.
+    curve : str or ResponseCurve, optional
+        How levels depend on light: `linear` (most machine-vision cameras, raw data), `srgb` (what `cv2.imread` returns
+        for almost every file), `gamma:2.2`, or `estimate`, the default: an array does not say what its levels are, so
+        it is estimated from the edges of the circles, whatever the type of the array. Where they do not tell, the
+        curve is unknown, linear or sRGB, and the covariance includes both. `Estimate.curve` says what was used.
     knowledge : str, Evidence, a sequence of them, or None
         Prior knowledge of the pose, see `choose`.
     method : str
@@ -54,18 +61,30 @@ def locate(
     ValueError
         If the image or camera is invalid, the diameter is not positive, or the camera is for another image size.
     UsageError
-        If the knowledge or the method is unknown.
+        If the knowledge, the method or the curve is unknown.
     """
-    grey, full_scale_dn = grey_levels(image)
+    wanted = curve if isinstance(curve, ResponseCurve) or curve is None else parse_curve(curve)
+    if wanted is not None and not wanted.known:
+        wanted = None
+    grey, full_scale_dn = grey_levels(image, wanted or UNKNOWN)
     diameter_m = _diameter(diameter_m)
     check_knowledge(knowledge)
     methods = load_methods([method])
     label, uncertain = _camera(camera, grey.shape[1], grey.shape[0])
 
     def view(camera: Camera) -> View:
-        return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn)
+        return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn, curve=wanted or UNKNOWN)
 
-    given = SolverInput(diameter_m, {label: uncertain}, grey, full_scale_dn, view=view)
+    pixels = np.asarray(image)
+    given = SolverInput(
+        diameter_m,
+        {label: uncertain},
+        grey,
+        full_scale_dn,
+        Photometry(wanted or UNKNOWN, full_scale_dn, level_step(pixels, full_scale_dn), averaged_rounding(pixels)),
+        None if wanted else lambda found: grey_levels(image, found),
+        view=view,
+    )
     nothing = (NO_CIRCLE, f"{method}: {NOTHING}")
     return [e for e in solve_image(given, methods, knowledge).estimates if e.reason not in nothing]
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve
 from roundel.scenes.errors import first_line
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.geometry.pose import camera_from_marker_of
@@ -50,6 +51,9 @@ class View:
         The printed markers: `marker_id`, `kind`, `diameter_m`, `layout`; without poses.
     saturation_dn : float
         The level at which pixels saturate.
+    curve : ResponseCurve
+        The curve of the image's levels, as far as it is known; `curve.light(image / 255)` undoes it. `unknown` if
+        nothing tells.
     """
 
     image: NDArray[Any]
@@ -57,6 +61,7 @@ class View:
     diameter_m: float
     markers: list[dict[str, Any]] = field(default_factory=list)
     saturation_dn: float = 255.0
+    curve: ResponseCurve = UNKNOWN
 
     @property
     def grey(self) -> NDArray[np.uint8]:

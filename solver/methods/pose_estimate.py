@@ -15,6 +15,8 @@ from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.estimate_caveats import caveats_of
+from roundel.solver.methods.roundel_fits import Detections
 from roundel.solver.pose.pose_covariance import poses_with_covariance
 
 Array = NDArray[np.float64]
@@ -27,7 +29,7 @@ def estimate_of(
     knowledge: Knowledge,
     key: EstimateKey,
     detection: Detection | None = None,
-    grey: NDArray[Any] | None = None,
+    seen: Detections | None = None,
 ) -> Estimate:
     """Both poses of a fitted ellipse.
 
@@ -42,10 +44,11 @@ def estimate_of(
     key : EstimateKey
     detection : Detection, optional
         The detection, if the ellipse comes from an image.
-    grey : (H, W) array, optional
-        The image, for cues that are measured in it.
+    seen : Detections, optional
+        The image, for cues that are measured in it, and its photometry.
     """
     about: dict[str, Any] = {"focal_sigma": uncertain.focal_sigma, "intrinsics_basis": uncertain.basis}
+    about |= caveats_of(fit, key.method, detection, seen)
     if detection is not None:
         about |= {"confidence": detection.confidence, "contrast_dn": float(detection.edges.contrast_dn)}
         about["blur_px"] = float(detection.edges.blur_px)
@@ -60,8 +63,15 @@ def estimate_of(
     except ValueError as error:
         return Estimate(*key, status="failed", reason=str(error), ellipse=ellipse, camera=uncertain.camera, **about)
     shape_cov = fit.shape_cov if np.all(np.isfinite(fit.shape_cov)) else None
+    image = None if seen is None else seen.grey
     observation = Observation(
-        poses.normal, cov, fit.ellipse, shape_cov, uncertain, image=grey, blur_px=about.get("blur_px", 0.5)
+        poses.normal,
+        cov,
+        fit.ellipse,
+        shape_cov,
+        uncertain,
+        image=image,
+        blur_px=about.get("blur_px", 0.5),
     )
     choice = choose(observation, knowledge)
     return Estimate(

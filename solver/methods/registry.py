@@ -165,7 +165,12 @@ def _estimate(
         fit = EllipseFit(found.ellipse, unknown, float("nan"), 0, unknown, np.empty(0))
         made = estimate_of(fit, uncertain, diameter_m, knowledge, key)
         return replace(
-            made, edge_points=None, edge_sigma_px=None, confidence=found.confidence, centre_image=found.centre_px
+            made,
+            edge_points=None,
+            edge_sigma_px=None,
+            confidence=found.confidence,
+            centre_image=found.centre_px,
+            fit_used=key.method,
         )
     return Estimate(
         *key,
@@ -180,6 +185,7 @@ def _estimate(
         confidence=found.confidence,
         focal_sigma=uncertain.focal_sigma,
         intrinsics_basis=uncertain.basis,
+        fit_used=key.method,
     )
 
 

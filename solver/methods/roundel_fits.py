@@ -6,17 +6,19 @@ edges.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, distorts, undistort_px
+from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.scenes.geometry.conic import ellipse_points
 from roundel.solver.detect.detect import Detection, detect
 from roundel.solver.fit.edge_fit import fit_edges
-from roundel.solver.fit.edges import edge_points
+from roundel.solver.fit.edges import EdgePoints, edge_points
 from roundel.solver.fit.ellipse import (
     EllipseFit,
     FailedFit,
@@ -28,6 +30,10 @@ from roundel.solver.fit.ellipse import (
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 from roundel.solver.fit.pixel_fit import fit_pixels
+from roundel.solver.photometry.curve_displacement import edge_displacement_px, with_unknown_curve
+from roundel.solver.photometry.curve_evidence import curve_evidence
+from roundel.solver.photometry.edge_levels import side_levels
+from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
 
@@ -54,28 +60,77 @@ class Detections:
         The level at which its pixels saturate.
     detections : list of Detection
         The strongest first.
+    photometry : Photometry
+        Of the grey levels.
     """
 
     grey: NDArray[Any]
     full_scale_dn: float
     detections: list[Detection]
+    photometry: Photometry = PLAIN
 
 
-def detect_circles(grey: NDArray[Any], full_scale_dn: float) -> Detections:
+@dataclass(frozen=True, eq=False)
+class FallbackFit(EllipseFit):
+    """An ellipse fitted to edge points because the fit to the pixels failed, for the given reason."""
+
+    reason: str
+
+
+def detect_circles(grey: NDArray[Any], full_scale_dn: float, photometry: Photometry | None = None) -> Detections:
     """Detect the circles of an image; an image that is too small has none."""
     found = detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else []
-    return Detections(np.ascontiguousarray(grey, dtype=np.float32), full_scale_dn, found)
+    return Detections(np.ascontiguousarray(grey, dtype=np.float32), full_scale_dn, found, photometry or PLAIN)
+
+
+def with_estimated_curve(
+    seen: Detections, linearise: Callable[[ResponseCurve], tuple[NDArray[Any], float]]
+) -> Detections:
+    """The detections of an image after its response curve was estimated from them, and undone.
+
+    Parameters
+    ----------
+    seen : Detections
+        Of the levels as delivered.
+    linearise : callable
+        Returns the grey levels after a curve was undone, and their saturation level.
+    """
+    contours = [edges for d in seen.detections for edges in (d.edges, *d.inner)]
+    curve = curve_evidence(seen.grey, contours, seen.full_scale_dn).curve
+    photometry = seen.photometry.with_curve(curve)
+    if curve.identity:
+        return replace(seen, photometry=photometry)
+    grey, full_scale_dn = linearise(curve)
+
+    def again(edges: EdgePoints) -> EdgePoints:
+        found = edge_points(grey, edges.ellipse, full_scale_dn, polish=False)
+        return edges if isinstance(found, FailedFit) else found
+
+    found = [replace(d, edges=again(d.edges), inner=[again(e) for e in d.inner]) for d in seen.detections]
+    return Detections(grey, full_scale_dn, found, photometry)
 
 
 def fit_detection(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
     If the pixels do not determine an ellipse (too few, or most of them saturated), `pixels` falls back to the edge
-    points of the detection; the result is then a plain `EllipseFit`.
+    points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the
+    covariance includes linear and sRGB levels.
     """
+    fit = _fit_of(seen, detection, camera, method)
+    if isinstance(fit, FailedFit) or seen.photometry.curve.known:
+        return fit
+    inside, outside = (level / seen.photometry.top_dn for level in side_levels(seen.grey, detection.edges))
+    return with_unknown_curve(fit, edge_displacement_px(inside, outside, detection.edges.blur_px))
+
+
+def _fit_of(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
     if method == "pixels":
         fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn)
-        return fit if fit else fit_detection(seen, detection, camera, "ml")
+        if not isinstance(fit, FailedFit):
+            return fit
+        instead = _fit_of(seen, detection, camera, "ml")
+        return instead if isinstance(instead, FailedFit) else FallbackFit(**vars(instead), reason=fit.reason)
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # The points of a detection are only accurate enough to decide on it, so they are computed again.

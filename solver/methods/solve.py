@@ -17,16 +17,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from roundel.datasets.layout.files import MANIFEST, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.worker_pool import in_order
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.camera.response_curve import UNKNOWN
 from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
-from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import Finder, View
@@ -35,6 +33,9 @@ from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
 from roundel.solver.methods.solved_parts import PARTS, Tally, join_parts, part_name, read_part, write_part
 from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
+from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
+from roundel.solver.photometry.jpeg_rounding import read_luminance_table
+from roundel.solver.photometry.photometry import Photometry, processing_of
 
 Progress = Callable[[int, int], None]
 
@@ -266,15 +267,26 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
         points = tuple(by_marker[marker_id] for marker_id in sorted(by_marker))
         return SolverInput(frame.diameter_m, frame.cameras, points_px=points, frame_id=frame.frame_id)
     delivered = images.image(frame.index)
-    levels, saturation_dn = images.linear_image(frame.index, delivered)
-    grey, full_scale_dn = grey_levels(levels)
+    curve, top_dn = images.curve(frame.index), images.top_dn(frame.index)
+    grey, range_dn = grey_levels(delivered, curve or UNKNOWN, top_dn)
+    top_dn = top_dn or range_dn
+    saturation = images.saturation_dn(frame.index) or range_dn
+    full_scale_dn = top_dn * float((curve or UNKNOWN).light(round(saturation) / top_dn))
+    sensor = images.records[frame.index].get("sensor") or {}
+    photometry = Photometry(
+        curve or UNKNOWN,
+        top_dn,
+        float(1 << sensor.get("stored_shift", 0)),
+        averaged_rounding(delivered),
+        read_luminance_table(images.image_path(frame.index)),
+        *processing_of(sensor.get("isp")),
+    )
 
     def view(camera: Camera) -> View:
         # Copies, so that a method's changes to its image or markers do not affect others.
         markers = copy.deepcopy(images.markers(frame.index))
-        saturation = images.saturation_dn(frame.index) or float(np.iinfo(delivered.dtype).max)
-        return View(delivered.copy(), camera, frame.diameter_m, markers, saturation)
+        return View(delivered.copy(), camera, frame.diameter_m, markers, saturation, curve or UNKNOWN)
 
-    return SolverInput(
-        frame.diameter_m, frame.cameras, grey, saturation_dn or full_scale_dn, view=view, frame_id=frame.frame_id
-    )
+    linearise = None if curve else lambda found: grey_levels(delivered, found)
+    about = photometry, linearise
+    return SolverInput(frame.diameter_m, frame.cameras, grey, full_scale_dn, *about, view=view, frame_id=frame.frame_id)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.camera.model import Camera, distorts
+from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
@@ -19,7 +20,8 @@ from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.registry import run_plugin
-from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points
+from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points, with_estimated_curve
+from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
 Fits = list[EllipseFit | FailedFit]
@@ -41,6 +43,11 @@ class SolverInput:
         Grey levels, linear in light; None if there are only points.
     saturation_dn : float
         The saturation level.
+    photometry : Photometry
+        The curve that was undone, the rounding of the levels, and the camera's processing.
+    linearise : callable or None
+        If the curve is to be estimated: returns grey levels and saturation level after a curve was undone. `grey` then
+        has the levels as delivered.
     points_px : list of (N, 2) arrays
         Edge points of each circle, if there is no image.
     view : callable or None
@@ -52,6 +59,8 @@ class SolverInput:
     cameras: Mapping[str, UncertainCamera]
     grey: NDArray[Any] | None = None
     saturation_dn: float = 255.0
+    photometry: Photometry = PLAIN
+    linearise: Callable[[ResponseCurve], tuple[NDArray[Any], float]] | None = None
     points_px: tuple[Array, ...] = ()
     view: Callable[[Camera], View] | None = None
     frame_id: int = 0
@@ -108,16 +117,18 @@ def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowle
 
 
 def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str], Fits], list[tuple[Any, Any]]]:
-    """The fits of each method and camera, one per detection, and for each detection its data and its image."""
+    """The fits of each method and camera, one per detection, and for each detection its data and its image's."""
     if given.grey is None:
         points = given.points_px
         return _shared(given, methods, lambda c, m: [fit_points(p, None, c, m) for p in points]), [(None, None)] * len(
             points
         )
-    seen = detect_circles(given.grey, given.saturation_dn)
+    seen = detect_circles(given.grey, given.saturation_dn, photometry=given.photometry)
+    if given.linearise is not None:
+        seen = with_estimated_curve(seen, given.linearise)
     found = seen.detections
     fits = _shared(given, methods, lambda c, m: [fit_detection(seen, d, c, m) for d in found])
-    return fits, [(d, seen.grey) for d in found]
+    return fits, [(d, seen) for d in found]
 
 
 def _shared(given: SolverInput, methods: list[str], fit: Callable[[Camera, str], Fits]) -> dict[tuple[str, str], Fits]:
@@ -143,6 +154,6 @@ def _poses(
         key = EstimateKey(given.frame_id, NOT_FOUND, *of)
         return [Estimate(*key, "failed", NO_CIRCLE, camera=camera.camera)]
     return [
-        estimate_of(fit, camera, given.diameter_m, knowledge, EstimateKey(given.frame_id, n, *of), detection, grey)
-        for n, (fit, (detection, grey)) in enumerate(zip(fits, about, strict=True))
+        estimate_of(fit, camera, given.diameter_m, knowledge, EstimateKey(given.frame_id, n, *of), detection, seen)
+        for n, (fit, (detection, seen)) in enumerate(zip(fits, about, strict=True))
     ]

@@ -1,5 +1,6 @@
 """Photographs: reading, solving, overlays.
 
+file_curve: The response curve that an image file declares: its ICC profile, or a PNG's gAMA and sRGB chunks
 overlay: Draw estimates on a photograph: contour, centre, both normals, and the distance with its standard deviation
 photo_file: Read a photograph: upright, grey, in linear light, with its EXIF tags
 photo_report: Results of photographs as text: `estimates.json`, and one line each for the terminal

@@ -1,8 +1,8 @@
 """Read a photograph: upright, grey, in linear light, with its EXIF tags.
 
-Edges are located in linear light. In gamma-encoded values the midpoint of an edge is displaced, and measured circles
-would be some tenths of a pixel too large or too small, so the encoding is undone
-(see `roundel.datasets.layout.images`).
+Edges are located in linear light. In encoded values the midpoint of an edge is displaced, and measured circles
+would be some tenths of a pixel too large or too small, so the curve is undone: the one that is given, else the one that
+the file declares, else sRGB for integers and none for real numbers.
 """
 
 from __future__ import annotations
@@ -20,9 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.srgb import linear_to_srgb, srgb_to_linear
+from roundel.scenes.camera.response_curve import LINEAR, SRGB, ResponseCurve
+from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.scenes.errors import DataError
 from roundel.solver.intrinsics.exif import ExifTags, read_exif
+from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
+from roundel.solver.photometry.jpeg_rounding import luminance_table
+from roundel.solver.photometry.photometry import Photometry, level_step
+from roundel.solver.photos.file_curve import declared_curve
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -38,8 +43,7 @@ _DNG_VERSION = 50706
 _BITS_PER_SAMPLE = 258
 
 # Rec. 709 luminance, dominated by green: cameras sample it twice as densely, and lateral colour shifts red and blue.
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
-_STRIP_ROWS = 512
+LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 # Pillow's limit for huge images is a global variable.
 _PILLOW = threading.Lock()
@@ -52,18 +56,28 @@ class Photo:
     Attributes
     ----------
     grey : (H, W) float32 array
-        Luminance, linear in light, 0 to `saturation_dn`.
+        Luminance, linear in light if the curve is known, 0 to `saturation_dn`.
     saturation_dn : float
         The level at which pixels saturate, in the file's range (255, 65,535, or 1 for real numbers).
     picture : (H, W, 3) uint8 array
         RGB for display.
     exif : ExifTags
+    levels : (H, W) or (H, W, 3) array
+        As in the file, opaque.
+    photometry : Photometry
+        The curve that was undone, and the rounding of the levels.
     """
 
     grey: NDArray[np.float32]
     saturation_dn: float
     picture: NDArray[np.uint8]
     exif: ExifTags
+    levels: NDArray[Any]
+    photometry: Photometry
+
+    def grey_by(self, curve: ResponseCurve) -> tuple[NDArray[np.float32], float]:
+        """Luminance (H, W) with another curve undone, and its saturation level."""
+        return grey_levels(self.levels, curve, self.saturation_dn, LUMINANCE)[0], self.saturation_dn
 
     @property
     def width_px(self) -> int:
@@ -76,15 +90,15 @@ class Photo:
         return int(self.grey.shape[0])
 
 
-def read_photo(path: str | Path, linear: bool = False) -> Photo:
+def read_photo(path: str | Path, curve: ResponseCurve | None = None) -> Photo:
     """Read a photograph: JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF or PPM, with 8 or 16 bits or real numbers.
 
     Parameters
     ----------
     path : path
-    linear : bool
-        Whether pixel values are proportional to light, as from machine-vision cameras. Otherwise integers are assumed
-        to be sRGB-encoded (IEC 61966-2-1), with the curve that Display P3 shares; real numbers are always linear.
+    curve : ResponseCurve, optional
+        The curve to undo: `linear` for most machine-vision cameras. Default: the one that the file declares (ICC
+        profile, PNG's gAMA); without one, integers are sRGB-encoded (IEC 61966-2-1) and real numbers are linear.
 
     Returns
     -------
@@ -104,9 +118,9 @@ def read_photo(path: str | Path, linear: bool = False) -> Photo:
     problem = _unreadable(path, data)
     if problem:
         raise DataError(f"{path}: {problem}")
-    pixels, exif = _decode(path, data)
+    decoded = _decode(path, data)
     try:
-        return _photo(pixels, exif, linear)
+        return _photo(decoded, curve)
     except ValueError as error:
         raise DataError(f"{path}: {error}") from error
 
@@ -121,8 +135,17 @@ def _unreadable(path: Path, data: bytes) -> str:
     return ""
 
 
-def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
-    """Upright pixels (H, W) or (H, W, C), and the tags."""
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    """Upright pixels (H, W) or (H, W, C), the tags, the declared curve, and a JPEG's table."""
+
+    pixels: NDArray[Any]
+    exif: ExifTags
+    curve: ResponseCurve | None
+    jpeg: tuple[int, ...] | None
+
+
+def _decode(path: Path, data: bytes) -> _Decoded:
     from PIL import Image, UnidentifiedImageError
 
     with _quiet_and_large():
@@ -143,6 +166,9 @@ def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
                 # After loading, because Pillow turns TIFFs upright itself and then removes the tag.
                 exif = read_exif(image)
                 pixels = _upright(_array(image), exif.orientation)
+                # A profile of other primaries than RGB or grey does not describe the converted pixels.
+                declared = declared_curve(image.info) if image.mode not in ("CMYK", "YCbCr", "LAB", "HSV") else None
+                jpeg = luminance_table(image)
         except DataError:
             raise
         except UnidentifiedImageError as error:
@@ -153,7 +179,7 @@ def _decode(path: Path, data: bytes) -> tuple[NDArray[Any], ExifTags]:
             raise DataError(f"{path}: this image is truncated or corrupt ({reason})") from error
     if deep:
         pixels = _deep_colour(data, pixels, exif.orientation)
-    return pixels, exif
+    return _Decoded(pixels, exif, declared, jpeg)
 
 
 @contextmanager
@@ -229,28 +255,37 @@ def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
     return np.ascontiguousarray(pixels)
 
 
-def _photo(pixels: NDArray[Any], exif: ExifTags, linear: bool) -> Photo:
+def _photo(decoded: _Decoded, curve: ResponseCurve | None) -> Photo:
+    pixels = decoded.pixels
     if pixels.size == 0:
         raise ValueError("this image has no pixels")
     if np.issubdtype(pixels.dtype, np.floating):
         if not np.all(np.isfinite(pixels)):
             raise ValueError("this image has values that are not finite")
         # Some files have values like 1e38, or negative ones; their squares would overflow.
-        light = np.clip(pixels / max(1.0, float(np.max(pixels))), 0.0, 1.0)
-        shown = _encoded(light)
-        return Photo(light.astype(np.float32), 1.0, np.repeat(shown[..., None], 3, axis=2), exif)
-    if pixels.dtype.itemsize == 4:  # 32-bit integers, usually with 16-bit values
-        low, high = int(pixels.min()), int(pixels.max())
-        if low < 0 or high > 65_535:
-            raise ValueError(f"this image has integers from {low} to {high}; 0 to 65535 are supported")
-        pixels = pixels.astype(np.uint16)
-    pixels = _on_white(pixels)
-    top = int(np.iinfo(pixels.dtype).max)
-    level = np.arange(top + 1) / top
-    light = top * (level if linear else srgb_to_linear(level))
-    shown = pixels if top == 255 else (pixels >> 8).astype(np.uint8)
+        levels: NDArray[Any] = np.clip(pixels / max(1.0, float(np.max(pixels))), 0.0, 1.0)
+        used = curve or LINEAR.because("real numbers are taken as linear")
+        shown = _encoded(used.light(levels))
+    else:
+        levels = _on_white(_sixteen_bits(pixels))
+        used = curve or decoded.curve or SRGB.because("photographs are sRGB unless their file says otherwise")
+        shown = levels if levels.dtype == np.uint8 else (levels >> 8).astype(np.uint8)
+    top = 1.0 if levels.dtype.kind == "f" else float(np.iinfo(levels.dtype).max)
     picture = np.repeat(shown[..., None], 3, axis=2) if shown.ndim == 2 else shown
-    return Photo(_grey(pixels, light), float(top), np.ascontiguousarray(picture), exif)
+    rounding = level_step(levels, top), averaged_rounding(levels, LUMINANCE)
+    photometry = Photometry(used, top, *rounding, decoded.jpeg)
+    grey = grey_levels(levels, used, top, LUMINANCE)[0]
+    return Photo(grey, top, np.ascontiguousarray(picture), decoded.exif, levels, photometry)
+
+
+def _sixteen_bits(pixels: NDArray[Any]) -> NDArray[Any]:
+    """32-bit integers, usually with 16-bit values, as such."""
+    if pixels.dtype.itemsize < 4:
+        return pixels
+    low, high = int(pixels.min()), int(pixels.max())
+    if low < 0 or high > 65_535:
+        raise ValueError(f"this image has integers from {low} to {high}; 0 to 65535 are supported")
+    return pixels.astype(np.uint16)
 
 
 def _encoded(light: NDArray[Any]) -> NDArray[np.uint8]:
@@ -266,15 +301,3 @@ def _on_white(pixels: NDArray[Any]) -> NDArray[Any]:
         return np.ascontiguousarray(colour)
     share = alpha.astype(np.float32) / top
     return np.asarray(np.rint(colour * share + top * (1 - share)), dtype=pixels.dtype)
-
-
-def _grey(pixels: NDArray[Any], light: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Luminance in linear light, in strips; a hundred megapixels of three channels would otherwise take 1.2 GB."""
-    if pixels.ndim == 2:
-        return np.asarray(light.astype(np.float32)[pixels])
-    tables = [(weight * light).astype(np.float32) for weight in _LUMINANCE]
-    grey = np.empty(pixels.shape[:2], dtype=np.float32)
-    for start in range(0, len(grey), _STRIP_ROWS):
-        rows = slice(start, start + _STRIP_ROWS)
-        grey[rows] = sum(table[pixels[rows, :, i]] for i, table in enumerate(tables))
-    return grey

@@ -13,6 +13,7 @@ from pathlib import Path
 from roundel.datasets.layout.files import check_no_dataset, write_file
 from roundel.datasets.layout.worker_pool import in_order
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
@@ -40,7 +41,7 @@ def solve_photographs(
     methods: Sequence[str] = (DEFAULT_METHOD,),
     intrinsics: Sequence[str] | None = None,
     knowledge: Knowledge = None,
-    linear: bool = False,
+    curve: ResponseCurve | str | None = None,
     progress: Progress | None = None,
     jobs: int = 1,
 ) -> list[PhotoResult]:
@@ -63,8 +64,9 @@ def solve_photographs(
         See `parse_intrinsics`; pictures show the first. Default: `exif` if the file has it, otherwise `default`.
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
-    linear : bool
-        Whether pixel values are proportional to light instead of sRGB-encoded.
+    curve : str or ResponseCurve, optional
+        `linear`, `srgb`, `gamma:2.2`, or `estimate`: from the edges of the circles, as in `locate`. Default: what the
+        file says, see `read_photo`.
     progress : callable, optional
         Called with (photographs done, total photographs).
     jobs : int
@@ -78,7 +80,8 @@ def solve_photographs(
     Raises
     ------
     UsageError
-        If an argument is wrong, the folder is a dataset, or the intrinsics need a camera that no photograph has.
+        If an argument is wrong (such as a curve that does not exist), the folder is a dataset, or the intrinsics need a
+        camera that no photograph has.
     DataError
         If the result cannot be written, or a process died.
     """
@@ -87,13 +90,14 @@ def solve_photographs(
     check_knowledge(knowledge)
     if not (math.isfinite(diameter_m) and diameter_m > 0):
         raise UsageError(f"the diameter must be a positive number of metres, not {diameter_m}")
+    asked = curve if isinstance(curve, ResponseCurve) or curve is None else parse_curve(curve) or UNKNOWN
     specs = None if intrinsics is None else [parse_intrinsics(text) for text in intrinsics]
     for spec in specs or []:
         if spec.kind in ("true", "scaled"):
             raise UsageError(f"--intrinsics {spec.label}: a photograph's camera is not known; use exif or default")
     out = Path(out_path)
     photographs = [(i, Path(p), name) for i, (p, name) in enumerate(zip(paths, _overlay_names(paths), strict=True))]
-    run = _Run(out, diameter_m, loaded, specs, knowledge, linear)
+    run = _Run(out, diameter_m, loaded, specs, knowledge, asked)
     results: list[PhotoResult] = []
     with closing(_solved(run, photographs, jobs)) as solved:
         for result in solved:
@@ -129,7 +133,7 @@ class _Run:
     methods: Mapping[str, Finder | None]
     specs: list[Intrinsics] | None
     knowledge: Knowledge
-    linear: bool
+    curve: ResponseCurve | None
 
 
 # Position, file, and file name of the picture.
@@ -141,7 +145,7 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
     if jobs <= 1:
         yield from (_solve_one(run, photograph) for photograph in photographs)
         return
-    shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.linear))
+    shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.curve))
     warm_up()
     died = "a solving process died, perhaps from lack of memory; run the command again with fewer jobs"
     yield from in_order(jobs, _work, photographs, _start_worker, (shared, list(run.methods)), died)
@@ -152,8 +156,8 @@ _worker: list[_Run] = []
 
 def _start_worker(shared: bytes, methods: list[str]) -> None:
     one_opencv_thread()
-    out, diameter_m, specs, knowledge, linear = pickle.loads(shared)
-    _worker.append(_Run(out, diameter_m, load_methods(methods), specs, knowledge, linear))
+    out, diameter_m, specs, knowledge, curve = pickle.loads(shared)
+    _worker.append(_Run(out, diameter_m, load_methods(methods), specs, knowledge, curve))
 
 
 def _work(photograph: _Photograph) -> PhotoResult:
@@ -164,7 +168,7 @@ def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
     frame_id, path, overlay = photograph
     diameter_m, specs = run.diameter_m, run.specs
     try:
-        photo = read_photo(path, run.linear)
+        photo = read_photo(path, run.curve)
     except DataError as error:
         reason = str(error).removeprefix(f"{path}: ")
         labels = [spec.label for spec in specs] if specs else ["default"]
@@ -173,9 +177,11 @@ def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
     cameras, refused = _cameras(photo, specs)
 
     def view(camera: Camera) -> View:
-        return View(photo.picture.copy(), camera, diameter_m)
+        return View(photo.picture.copy(), camera, diameter_m, curve=photo.photometry.curve)
 
-    given = SolverInput(diameter_m, cameras, photo.grey, photo.saturation_dn, view=view, frame_id=frame_id)
+    linearise = None if photo.photometry.curve.known else photo.grey_by
+    about = photo.photometry, linearise
+    given = SolverInput(diameter_m, cameras, photo.grey, photo.saturation_dn, *about, view=view, frame_id=frame_id)
     solved = solve_image(given, run.methods, run.knowledge)
     rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", r) for m in run.methods for label, r in refused.items()]
     estimates, found = [*solved.estimates, *rows], solved.detections

@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter
 
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
-from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.methods.locate import locate
+from roundel.solver.photometry.image_levels import grey_levels
 
 ELLIPSE = np.array([80.3, 60.2, 30.0, 22.0, 20.0])
 IMAGE = picture([(ELLIPSE, 30.0)], 160, 120, subpixels=16)

@@ -70,6 +70,24 @@ COLUMNS: tuple[Given, ...] = (
     Given(
         ("chosen",), "true or false", "", "whether the method means this pose", "true where a detection has one pose"
     ),
+    Given(
+        ("clipped_fraction", "rejected_fraction", "misfit"),
+        "number",
+        "",
+        "fraction of the edge's pixels that are clipped; fraction of the contour that was left out; reduced chi-square "
+        "of the edge's pixels",
+        "unknown",
+    ),
+    Given(
+        ("fit_used", "curve"), "text", "", "the fit of the ellipse, and the response curve that was undone", "unknown"
+    ),
+    Given(
+        ("caveats",),
+        "list of texts; in CSV between semicolons",
+        "",
+        "what the method's model did not hold for; the report counts them",
+        "none",
+    ),
     Given(("status",), "`ok` or `failed`", "", "", "`failed` where pose, ellipse and centre are empty, else `ok`"),
     Given(("reason",), "text", "", "why it failed", "empty"),
 )

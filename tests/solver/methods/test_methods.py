@@ -230,7 +230,9 @@ def test_photographs_take_them_too(site, dataset, tmp_path):
     photo = tmp_path / "photo.png"
     photo.write_bytes((dataset.path / dataset.images.records[0]["image"]).read_bytes())
     methods = ["pixels", "blobs", "one_pose", "good", "lies"]
-    (result,) = solve_photographs([photo], tmp_path / "out", 0.08, methods=methods, intrinsics=["default"], linear=True)
+    (result,) = solve_photographs(
+        [photo], tmp_path / "out", 0.08, methods=methods, intrinsics=["default"], curve="linear"
+    )
     assert result.status == "ok"
     by_method = {e.method: e for e in result.estimates}
     assert list(by_method) == methods
@@ -245,7 +247,7 @@ def test_photographs_take_them_too(site, dataset, tmp_path):
     assert shown["blobs"]["centre_image_px"] == pytest.approx(by_method["blobs"].centre_image.tolist())
     # The overlay of a method that gives one pose, or a centre alone.
     for name in ("one_pose", "blobs"):
-        (alone,) = solve_photographs([photo], tmp_path / name, 0.08, methods=[name], linear=True)
+        (alone,) = solve_photographs([photo], tmp_path / name, 0.08, methods=[name], curve="linear")
         assert (tmp_path / name / alone.overlay).stat().st_size > 0
         assert alone.file in line_of(alone)
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from roundel.scenes.camera.response_curve import LINEAR
 from roundel.scenes.errors import DataError
 from roundel.solver.photos.photo_file import MAX_PIXELS, read_photo
 
@@ -47,7 +48,7 @@ def test_grey_is_linear_light(tmp_path):
 
 
 def test_linear_files_stay_as_they_are(tmp_path):
-    assert np.allclose(read_photo(saved(tmp_path, Image.fromarray(RAMP), "a.png"), linear=True).grey, RAMP, atol=1e-4)
+    assert np.allclose(read_photo(saved(tmp_path, Image.fromarray(RAMP), "a.png"), LINEAR).grey, RAMP, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.tif", "a.bmp", "a.webp", "a.ppm", "a.jp2"])
@@ -87,13 +88,13 @@ def test_sixteen_bits(tmp_path, suffix):
     deep = RNG.integers(0, 65536, (48, 64, 3), dtype=np.uint16)
     path = tmp_path / f"c.{suffix}"
     cv2.imwrite(str(path), deep[..., ::-1])
-    photo = read_photo(path, linear=True)
+    photo = read_photo(path, LINEAR)
     assert photo.saturation_dn == 65535.0
     # All 16 bits: float32 keeps them to 0.01.
     assert np.allclose(photo.grey, deep @ np.array([0.2126, 0.7152, 0.0722]), atol=0.02)
     assert np.array_equal(photo.picture, deep >> 8)
     cv2.imwrite(str(path), deep[..., 0])
-    assert np.allclose(read_photo(path, linear=True).grey, deep[..., 0], atol=0.01)
+    assert np.allclose(read_photo(path, LINEAR).grey, deep[..., 0], atol=0.01)
     assert np.allclose(read_photo(path).grey, 65535 * srgb_to_light(deep[..., 0] / 65535.0), atol=0.02)
 
 
@@ -114,7 +115,7 @@ def test_sixteen_bits_upright(tmp_path):
         data += struct.pack("<H", len(entries)) + b"".join(entries) + b"\0\0\0\0"
         data[4:8] = struct.pack("<I", place)
         path.write_bytes(data)
-        photo = read_photo(path, linear=True)
+        photo = read_photo(path, LINEAR)
         assert photo.saturation_dn == 65535.0, code
         assert np.array_equal(photo.picture, turned(deep >> 8, code)), code
 

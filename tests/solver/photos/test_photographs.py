@@ -85,9 +85,9 @@ def test_an_upright_photograph_is_measured_upright(shots, tmp_path):
 def test_the_curve_is_undone(shots, tmp_path):
     # Behind the sRGB curve a dark disc looks smaller: its edge's middle is darker than the mean of its sides.
     right = solve_photographs([shots["phone.jpg"]], tmp_path / "a", DIAMETER_M)[0].estimates[0]
-    wrong = solve_photographs([shots["phone.jpg"]], tmp_path / "b", DIAMETER_M, linear=True)[0].estimates[0]
+    wrong = solve_photographs([shots["phone.jpg"]], tmp_path / "b", DIAMETER_M, curve="linear")[0].estimates[0]
     linear = solve_photographs(
-        [shots["linear.png"]], tmp_path / "c", DIAMETER_M, intrinsics=["focal35:28"], linear=True
+        [shots["linear.png"]], tmp_path / "c", DIAMETER_M, intrinsics=["focal35:28"], curve="linear"
     )[0].estimates[0]
     assert right.ellipse[2] == pytest.approx(linear.ellipse[2], abs=0.02)
     assert abs(wrong.ellipse[2] - linear.ellipse[2]) > 0.15

@@ -1,0 +1,163 @@
+"""The response curve of an image, estimated from its edges.
+
+A blurred edge rises symmetrically: at equal distances from its middle, light lacks as much to the brighter side as it
+exceeds the darker one, whatever the blur. A response curve breaks this symmetry. The pixels along a contour are
+therefore predicted several times, as light that has passed a linear curve, sRGB, and powers between and beyond, with
+the same weights and freedoms: ellipse, blur with its fourth moment, light that varies across the marker. Differences of
+their chi-squares are log likelihood ratios. A curve is accepted only if it is far more likely than the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.response_curve import LINEAR, SRGB, UNKNOWN, ResponseCurve, gamma_curve
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, step_response
+from roundel.solver.fit.edges import EdgePoints
+from roundel.solver.kernels.contour_pixels import (
+    DISTANCE,
+    HALF_DIFFERENCE,
+    HALF_SUM,
+    VALUE,
+    X,
+    Y,
+    contour_pixels,
+)
+from roundel.solver.kernels.curve_likelihood import (
+    GAMMA_KIND,
+    LINEAR_KIND,
+    SRGB_KIND,
+    UNKNOWNS,
+    curve_likelihood,
+)
+
+Array = NDArray[np.float64]
+
+# The two that can be accepted, and others that must not explain the pixels better.
+CURVES = (LINEAR, SRGB, gamma_curve(1 / 1.5), gamma_curve(1.5), gamma_curve(3.3))
+_CONTOURS = 4  # the strongest; each alone usually decides
+_PLATEAU_PX = 3.0
+_EDGE_SIGMAS = 2.2  # the step has ended there, but for 1 %
+_FEWEST = 30
+_SATURATED = 254.5 / 255.0
+_MARGIN_PX = 0.7  # a pixel's half diagonal
+_LEAST_SIGMA = 0.3 / 255  # rounding to 8 bits
+# Chi-square by which a curve must be better than the other, and by which a third one must not be. A difference of D on
+# average scatters by 2 sqrt(D): a wrong decision is most likely for D = 16, four standard deviations away.
+_BETTER, _THIRD = 16.0, 16.0
+_PLAIN = 4 * _BETTER  # further contours would add nothing
+_MOST_MISFIT = 20.0  # reduced chi-square beyond which no curve explains the pixels
+
+
+@dataclass(frozen=True)
+class CurveEvidence:
+    """Chi-squares of the curves, summed over contours.
+
+    Attributes
+    ----------
+    chi2 : tuple of float
+        Of `CURVES`, in units of the best curve's reduced chi-square, if that is more than 1.
+    misfit : float
+        Largest of the contours' reduced chi-squares for their best curve.
+    contours : int
+        Number of contours that could be measured.
+    """
+
+    chi2: tuple[float, ...] = (0.0,) * len(CURVES)
+    misfit: float = 0.0
+    contours: int = 0
+
+    @property
+    def curve(self) -> ResponseCurve:
+        """The curve that the evidence tells: linear or sRGB, or unknown, with its basis."""
+        edges = f"the edges of {self.contours} circle{'' if self.contours == 1 else 's'}"
+        if not self.contours:
+            return UNKNOWN.because("no edge in the image can be measured")
+        if self.misfit > _MOST_MISFIT:
+            return UNKNOWN.because(f"{edges} fit no curve")
+        best, third = min(self.chi2[:2]), min(self.chi2[2:])
+        if best - third > _THIRD:
+            return UNKNOWN.because(f"{edges} fit neither linear nor sRGB levels")
+        if abs(self.chi2[0] - self.chi2[1]) <= _BETTER:
+            return UNKNOWN.because(f"{edges} do not tell")
+        return (LINEAR if self.chi2[0] < self.chi2[1] else SRGB).because(f"estimated from {edges}")
+
+
+def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], full_scale_dn: float) -> CurveEvidence:
+    """Compare the curves on the strongest contours of an image.
+
+    Parameters
+    ----------
+    levels : (H, W) float32 array
+        As delivered.
+    contours : sequence of EdgePoints
+        Measured in `levels`.
+    full_scale_dn : float
+        The top of the range of the levels, where pixels saturate.
+    """
+    order = sorted(contours, key=lambda e: -abs(e.contrast_dn) * math.sqrt(e.coverage * float(e.ellipse[2])))
+    total, misfit, count = np.zeros(len(CURVES)), 0.0, 0
+    for edges in order[:_CONTOURS]:
+        measured = _contour_chi2(levels, edges, full_scale_dn)
+        if measured is not None:
+            chi2, reduced = measured
+            total += chi2 / max(reduced, 1.0)
+            misfit, count = max(misfit, reduced), count + 1
+            if abs(total[0] - total[1]) > _PLAIN:
+                break
+    return CurveEvidence(tuple(total.tolist()), misfit, count)
+
+
+def _contour_chi2(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: float) -> tuple[Array, float] | None:
+    """Chi-squares of the curves for one contour, and the least over its degrees of freedom."""
+    table = _pixels(levels, edges, full_scale_dn)
+    if table is None:
+        return None
+    table[:, VALUE] /= full_scale_dn
+    place = (table[:, [X, Y]] - edges.ellipse[:2]) / edges.ellipse[2]
+    sigma = math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE)
+    ended = _EDGE_SIGMAS * sigma + _MARGIN_PX / 2
+    basis = np.column_stack([np.ones(len(place)), place])
+    sides, noise = [], []
+    for side in (table[:, DISTANCE] < -ended, table[:, DISTANCE] > ended):
+        if np.count_nonzero(side) < _FEWEST:
+            return None
+        plane = np.linalg.lstsq(basis[side], table[side, VALUE], rcond=None)[0]
+        sides.append(plane)
+        noise.append(max(float(np.mean((table[side, VALUE] - basis[side] @ plane) ** 2)), _LEAST_SIGMA**2))
+    variance = max(edges.blur_px, 0.2) ** 2
+    share = step_response(table[:, DISTANCE], table[:, HALF_SUM], table[:, HALF_DIFFERENCE], variance)[0]
+    weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
+    chi2 = np.empty(len(CURVES))
+    for i, curve in enumerate(CURVES):
+        start = np.zeros(UNKNOWNS)
+        start[5] = math.log(variance)
+        for j, plane in ((7, sides[0]), (10, sides[1])):
+            level = min(max(float(plane[0]), 1e-3), 1.0)
+            start[j] = float(curve.light(level))
+            start[j + 1 : j + 3] = plane[1:] * float(np.diff(curve.light([level, level + 1e-3]))[0]) * 1e3
+        kind = {"linear": LINEAR_KIND, "srgb": SRGB_KIND}.get(curve.kind, GAMMA_KIND)
+        chi2[i], _ = curve_likelihood(table, weight, place, start, kind, curve.gamma)
+    if not np.all(np.isfinite(chi2[:2])):
+        return None
+    return np.minimum(chi2, 1e12), float(np.min(chi2)) / max(len(table) - UNKNOWNS, 1)
+
+
+def _pixels(levels: NDArray[np.float32], edges: EdgePoints, saturation_dn: float) -> Array | None:
+    """The pixels around the trusted part of a contour, up to where they start to be clipped."""
+    low, high = edges.reach_px
+    count = len(edges.trusted)
+    table, starts = contour_pixels(levels, edges.ellipse, low - _PLATEAU_PX / 2, high + _PLATEAU_PX / 2, count)
+    table = table[np.repeat(edges.trusted, np.diff(starts))]
+    clipped = table[:, VALUE] >= saturation_dn * _SATURATED
+    if np.any(clipped):
+        # By distance, because a selection by level would be one by noise.
+        bright = math.copysign(1.0, edges.contrast_dn)
+        first = float(np.quantile(bright * table[clipped, DISTANCE], 0.02)) - _MARGIN_PX
+        table = table[bright * table[:, DISTANCE] < first]
+    return table if len(table) > 2 * _FEWEST else None

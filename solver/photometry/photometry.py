@@ -1,0 +1,106 @@
+"""What is known about the levels of one image: response curve, rounding, and processing by the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.response_curve import LINEAR, ResponseCurve
+from roundel.solver.photometry.jpeg_rounding import jpeg_variance
+
+ROUNDING = 1 / 12  # variance of a rounding to whole steps, in steps^2
+_SAMPLE = 4096
+_EIGHT_BITS = 255.0
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """How the levels of an image came about.
+
+    Attributes
+    ----------
+    curve : ResponseCurve
+        The curve that was undone; `unknown` if the levels are as delivered and may be linear or sRGB.
+    top_dn : float
+        The level that the curve maps to 1; the range of delivered and of linear levels.
+    step_dn : float
+        Distance of neighbouring delivered levels; 0 if they are not rounded.
+    averaged : float
+        Fraction of the rounding's variance that is left in grey: the sum of the squared weights of the colours.
+    jpeg : tuple of 64 int, or None
+        The luminance table of a JPEG file.
+    sharpened, toned : bool
+        Whether the camera is known to have sharpened the image, or to have applied a tone curve beside `curve`.
+    """
+
+    curve: ResponseCurve = LINEAR
+    top_dn: float = 255.0
+    step_dn: float = 0.0
+    averaged: float = 1.0
+    jpeg: tuple[int, ...] | None = None
+    sharpened: bool = False
+    toned: bool = False
+
+    def with_curve(self, curve: ResponseCurve) -> Photometry:
+        """The same image with another curve undone."""
+        return replace(self, curve=curve)
+
+    def light_per_level(self, light_dn: float) -> float:
+        """Derivative of the linear level by the delivered level, at a linear level."""
+        if self.curve.identity:
+            return 1.0
+        level = float(self.curve.level(min(max(light_dn / self.top_dn, 0.0), 1.0)))
+        # Over one step of the file, because a pure power has no slope at 0.
+        half = max(self.step_dn / self.top_dn, 1e-4) / 2
+        low, high = self.curve.light([max(level - half, 0.0), level + half])
+        return float(high - low) / (level + half - max(level - half, 0.0))
+
+    def noise_floor(self, inside_dn: float, outside_dn: float, blur_px: float) -> Callable[[float], float]:
+        """Variance of a pixel by rounding alone, dn^2, as a function of its linear level.
+
+        Rounding to levels, and, for a JPEG, the rounding of the coefficients of blocks with an edge between the two
+        given levels.
+
+        Parameters
+        ----------
+        inside_dn, outside_dn : float
+            Linear levels on both sides of the edge.
+        blur_px : float
+            Gaussian sigma of its blur.
+        """
+        variance = ROUNDING * self.step_dn**2 * self.averaged
+        if self.jpeg is not None:
+            ends = np.clip(np.array([inside_dn, outside_dn]) / self.top_dn, 0.0, 1.0)
+            contrast = float(np.abs(np.diff(self.curve.level(ends)))[0]) * _EIGHT_BITS
+            variance += jpeg_variance(self.jpeg, contrast, blur_px) * (self.top_dn / _EIGHT_BITS) ** 2
+
+        def at(level_dn: float) -> float:
+            return variance * self.light_per_level(level_dn) ** 2
+
+        return at
+
+
+PLAIN = Photometry()
+
+
+def level_step(image: NDArray[Any], top_dn: float) -> float:
+    """Distance of neighbouring levels of an array: 1 for integers; 0 for real numbers that are no 8-bit levels."""
+    if image.dtype.kind in "iub":
+        return 1.0
+    # Images divided by 255 are common.
+    flat = image.reshape(-1)
+    some = flat[:: max(1, len(flat) // _SAMPLE)].astype(np.float64) * (_EIGHT_BITS / top_dn)
+    rounded = bool(np.all(np.abs(some - np.rint(some)) < 1e-3))
+    return top_dn / _EIGHT_BITS if rounded else 0.0
+
+
+def processing_of(isp: Mapping[str, Any] | None) -> tuple[bool, bool]:
+    """Whether a processor's record, as in cameras.json, says that it sharpened and that it changed the tone."""
+    if not isp:
+        return False, False
+    toned = (isp.get("black_point", 0.0), isp.get("white_point", 1.0), isp.get("contrast", 0.0)) != (0.0, 1.0, 0.0)
+    return bool(isp.get("sharpen_amount", 0.0)), toned
