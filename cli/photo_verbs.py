@@ -37,7 +37,7 @@ def are_photographs(inputs: list[str]) -> bool:
 def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
     """Estimate poses from photographs; returns 4 if one of them failed."""
     from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
-    from roundel.solver.photos.photo_report import line_of
+    from roundel.solver.photos.photo_report import caveat_lines, line_of
     from roundel.solver.photos.photographs import solve_photographs
 
     out = Path(arguments.out)
@@ -65,7 +65,7 @@ def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
             failed += 1
             print(f"roundel: {line_of(result)}", file=sys.stderr)
         else:
-            print(line_of(result))
+            print("\n    ".join([line_of(result), *caveat_lines(result)]))
     found = sum(result.found for result in results)
     counts = f"{_some(len(results), 'photograph')}, {_some(found, 'circle')}, {failed} failed"
     print(f"{out}: {counts}; see overlays/ for the images and estimates.json for the numbers")

@@ -20,6 +20,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import POINTS, check_no_dataset, sha256, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.solver.caveats import count_caveats
 from roundel.validate.calibration.camera_errors import calibration_summary
 from roundel.validate.calibration.chessboard_reference import Reference, reference_of
 from roundel.validate.calibration.opencv import (
@@ -126,6 +127,7 @@ def validate_dataset(
         sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
         verdicts=[verdict_record(verdict) for verdict in verdicts],
         checksums=_checksums(dataset, files, written),
+        caveats=[record for run in runs for record in _caveats(run)],
     )
     pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
     compared = _compared(scores, summary)
@@ -144,6 +146,14 @@ class _Calibrations:
 
     whole: dict[str, Any] | None
     several: Calibrations | None
+
+
+def _caveats(run: Run) -> list[dict[str, Any]]:
+    """The detections of a run by kind of caveat; both candidates of a detection have the same."""
+    first = [texts for texts, candidate in zip(run.caveats, run.candidate.tolist(), strict=False) if candidate == 0]
+    counts = count_caveats(first).items()
+    label = {"method": run.method, "intrinsics": run.intrinsics}
+    return [{**label, "caveat": heading, "count": count, "of": len(first)} for heading, count in counts]
 
 
 def _check_arguments(out: Path, extent_D: float) -> None:

@@ -21,6 +21,7 @@ from roundel.solver.kernels.contour_pixels import (
     VALUE,
 )
 from roundel.solver.kernels.edge_response import curved_distance, step_response
+from roundel.solver.kernels.response_curve import srgb_encoded
 from roundel.solver.kernels.small_matrices import inverse_of
 
 Array = NDArray[np.float64]
@@ -45,10 +46,8 @@ def encode(light: float, kind: int, gamma: float) -> tuple[float, float]:
     if kind == LINEAR_KIND:
         return light, 1.0
     if kind == SRGB_KIND:
-        if light <= 0.0031308:
-            return 12.92 * light, 12.92
-        power = 1.055 * light ** (1.0 / 2.4)
-        return power - 0.055, power / (2.4 * light)
+        level = srgb_encoded(light)
+        return level, 12.92 if light <= 0.0031308 else (level + 0.055) / (2.4 * light)
     if light <= _DARKEST:
         slope = _DARKEST ** (1.0 / gamma - 1.0)
         return light * slope, slope
@@ -58,9 +57,17 @@ def encode(light: float, kind: int, gamma: float) -> tuple[float, float]:
 
 @compiled
 def _accumulate(
-    table: Array, weight: Array, place: Array, unknown: Array, kind: int, gamma: float, normal: Array, pull: Array
+    table: Array,
+    weight: Array,
+    place: Array,
+    unknown: Array,
+    kind: int,
+    gamma: float,
+    normal: Array,
+    pull: Array,
+    squares: Array,
 ) -> float:
-    """Chi-square; the normal matrix (13, 13) and the gradient (13,) are written."""
+    """Chi-square; the normal matrix (13, 13), the gradient (13,) and the pixels' squares (N,) are written."""
     normal[:] = 0.0
     pull[:] = 0.0
     variance = math.exp(unknown[5])
@@ -97,6 +104,7 @@ def _accumulate(
         if square > _OUTLIER**2:
             square, w = _OUTLIER**2, w * _OUTLIER**2 / square
         chi2 += square
+        squares[i] = square
         for j in range(UNKNOWNS):
             scaled = w * row[j]
             pull[j] += scaled * residual
@@ -107,13 +115,13 @@ def _accumulate(
             normal[k, j] = normal[j, k]
     normal[6, 6] += 1.0 / _FOURTH_SIGMA**2
     pull[6] -= unknown[6] / _FOURTH_SIGMA**2
-    return chi2 + (unknown[6] / _FOURTH_SIGMA) ** 2
+    return float(chi2 + (unknown[6] / _FOURTH_SIGMA) ** 2)
 
 
 @compiled
 def curve_likelihood(
     table: Array, weight: Array, place: Array, start: Array, kind: int, gamma: float
-) -> tuple[float, Array]:
+) -> tuple[float, Array, Array]:
     """Least chi-square of the pixels of an edge for a curve, by Levenberg and Marquardt.
 
     Parameters
@@ -136,18 +144,21 @@ def curve_likelihood(
     chi2 : float
         Infinite if the pixels do not determine the unknowns.
     unknown : (13,) array
+    squares : (N,) array
+        What each pixel adds to chi-square.
     """
     unknown, trial = start.copy(), start.copy()
     normal, other = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS))
     inverse, pull, other_pull = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    squares, other_squares = np.zeros(len(table)), np.zeros(len(table))
     damping = 1e-3
-    chi2 = _accumulate(table, weight, place, unknown, kind, gamma, normal, pull)
+    chi2 = _accumulate(table, weight, place, unknown, kind, gamma, normal, pull, squares)
     for _ in range(_STEPS):
         damped = normal.copy()
         for j in range(UNKNOWNS):
             damped[j, j] *= 1.0 + damping
         if not inverse_of(damped, inverse):
-            return math.inf, unknown
+            return math.inf, unknown, squares
         for j in range(UNKNOWNS):
             step = 0.0
             for k in range(UNKNOWNS):
@@ -156,15 +167,15 @@ def curve_likelihood(
                 step = min(max(step, -_LARGEST_LOG), _LARGEST_LOG)
             trial[j] = unknown[j] + step
         trial[5] = min(max(trial[5], -8.0), 8.0)
-        after = _accumulate(table, weight, place, trial, kind, gamma, other, other_pull)
+        after = _accumulate(table, weight, place, trial, kind, gamma, other, other_pull, other_squares)
         if after < chi2:
             gained = chi2 - after
             chi2, damping = after, max(damping / 10.0, 1e-9)
-            unknown[:], normal[:], pull[:] = trial, other, other_pull
+            unknown[:], normal[:], pull[:], squares[:] = trial, other, other_pull, other_squares
             if gained < _SETTLED:
                 break
         else:
             damping *= 10.0
             if damping > 1e6:
                 break
-    return chi2, unknown
+    return chi2, unknown, squares

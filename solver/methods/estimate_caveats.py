@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from roundel.solver import caveats
 from roundel.solver.detect.detect import Detection
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
-from roundel.solver.fit.pixel_fit import PixelFit
+from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.methods.roundel_fits import Detections, FallbackFit
 from roundel.solver.photometry.edge_levels import clipped_fraction, overshoots
 
@@ -46,7 +46,10 @@ def caveats_of(
             words.append(caveats.misfit_words(fit.misfit))
     if detection is not None and seen is not None:
         rejected = 1.0 - detection.edges.coverage
-        clipped = clipped_fraction(seen.grey, detection.edges, seen.full_scale_dn)
+        if isinstance(fit, PixelFit):
+            clipped = fit.clipped_fraction
+        else:
+            clipped = clipped_fraction(seen.grey, detection.edges, seen.full_scale_dn)
         fields |= {"clipped_fraction": clipped, "rejected_fraction": rejected}
         words += [caveats.clipped_words(clipped), caveats.rejected_words(rejected)]
         words += _of_image(seen, detection)

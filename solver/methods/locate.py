@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, camera_problem
-from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
+from roundel.scenes.camera.response_curve import LINEAR, UNKNOWN, ResponseCurve, parse_curve
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
 from roundel.solver.intrinsics.specification import parse_intrinsics, uncertain_camera_for
@@ -18,7 +18,7 @@ from roundel.solver.methods.plugin import View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
-from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
+from roundel.solver.photometry.image_levels import averaged_rounding, encodable, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
 
 
@@ -45,7 +45,8 @@ def locate(
         How levels depend on light: `linear` (most machine-vision cameras, raw data), `srgb` (what `cv2.imread` returns
         for almost every file), `gamma:2.2`, or `estimate`, the default: an array does not say what its levels are, so
         it is estimated from the edges of the circles, whatever the type of the array. Where they do not tell, the
-        curve is unknown, linear or sRGB, and the covariance includes both. `Estimate.curve` says what was used.
+        curve is unknown, linear or sRGB, and the covariance includes both. Arrays with negative levels, or levels
+        beyond 65,535, are linear. `Estimate.curve` says what was used, and why.
     knowledge : str, Evidence, a sequence of them, or None
         Prior knowledge of the pose, see `choose`.
     method : str
@@ -64,9 +65,12 @@ def locate(
         If the knowledge, the method or the curve is unknown.
     """
     wanted = curve if isinstance(curve, ResponseCurve) or curve is None else parse_curve(curve)
-    if wanted is not None and not wanted.known:
-        wanted = None
     grey, full_scale_dn = grey_levels(image, wanted or UNKNOWN)
+    pixels = np.asarray(image)
+    if wanted is None and not encodable(pixels):
+        wanted = LINEAR.because("no encoded image has levels below 0 or beyond 65,535")
+    if wanted is not None and not wanted.known:
+        wanted = None  # `unknown` of an earlier estimate
     diameter_m = _diameter(diameter_m)
     check_knowledge(knowledge)
     methods = load_methods([method])
@@ -75,14 +79,13 @@ def locate(
     def view(camera: Camera) -> View:
         return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn, curve=wanted or UNKNOWN)
 
-    pixels = np.asarray(image)
     given = SolverInput(
         diameter_m,
         {label: uncertain},
         grey,
         full_scale_dn,
         Photometry(wanted or UNKNOWN, full_scale_dn, level_step(pixels, full_scale_dn), averaged_rounding(pixels)),
-        None if wanted else lambda found: grey_levels(image, found),
+        None if wanted else lambda found: grey_levels(pixels, found),
         view=view,
     )
     nothing = (NO_CIRCLE, f"{method}: {NOTHING}")

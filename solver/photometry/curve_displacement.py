@@ -15,8 +15,8 @@ from scipy.special import ndtri
 
 from roundel.scenes.camera.response_curve import SRGB
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
-from roundel.solver.fit.edge_band import sector_centres, shape_jacobian
 from roundel.solver.fit.ellipse import EllipseFit, finished_fit, shape_of_ellipse
+from roundel.solver.kernels.contour_pixels import sector_centres
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,9 @@ def with_unknown_curve(fit: EllipseFit, displacement_px: float) -> EllipseFit:
     """
     _, normals, u = sector_centres(fit.ellipse, _POINTS)
     # The change of shape that displaces each point of the contour by 1 px along its normal, as nearly as possible.
-    outward = np.linalg.lstsq(shape_jacobian(normals, u), -np.ones(_POINTS), rcond=None)[0]
+    nx, ny = normals.T
+    along = np.column_stack([nx, ny, nx * u[:, 0], nx * u[:, 1] + ny * u[:, 0], ny * u[:, 1]])
+    outward = np.linalg.lstsq(along, np.ones(_POINTS), rcond=None)[0]
     half = displacement_px / 2 * outward
     shape_cov = fit.shape_cov + np.outer(half, half)
     moved = finished_fit(shape_of_ellipse(fit.ellipse) - half, fit.residual_px, fit.sigma_px**2, shape_cov)

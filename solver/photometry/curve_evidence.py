@@ -51,6 +51,7 @@ _LEAST_SIGMA = 0.3 / 255  # rounding to 8 bits
 # average scatters by 2 sqrt(D): a wrong decision is most likely for D = 16, four standard deviations away.
 _BETTER, _THIRD = 16.0, 16.0
 _PLAIN = 4 * _BETTER  # further contours would add nothing
+_PARTS, _AGREEMENT = 16, 3.0  # parts of a contour, and standard errors by which they must agree
 _MOST_MISFIT = 20.0  # reduced chi-square beyond which no curve explains the pixels
 
 
@@ -62,6 +63,9 @@ class CurveEvidence:
     ----------
     chi2 : tuple of float
         Of `CURVES`, in units of the best curve's reduced chi-square, if that is more than 1.
+    agreement : float
+        Mean of the difference of both chi-squares over parts of the contours, divided by its standard error: a
+        difference that comes from a few places is an error of the model.
     misfit : float
         Largest of the contours' reduced chi-squares for their best curve.
     contours : int
@@ -69,6 +73,7 @@ class CurveEvidence:
     """
 
     chi2: tuple[float, ...] = (0.0,) * len(CURVES)
+    agreement: float = 0.0
     misfit: float = 0.0
     contours: int = 0
 
@@ -83,7 +88,7 @@ class CurveEvidence:
         best, third = min(self.chi2[:2]), min(self.chi2[2:])
         if best - third > _THIRD:
             return UNKNOWN.because(f"{edges} fit neither linear nor sRGB levels")
-        if abs(self.chi2[0] - self.chi2[1]) <= _BETTER:
+        if abs(self.chi2[0] - self.chi2[1]) <= _BETTER or abs(self.agreement) < _AGREEMENT:
             return UNKNOWN.because(f"{edges} do not tell")
         return (LINEAR if self.chi2[0] < self.chi2[1] else SRGB).because(f"estimated from {edges}")
 
@@ -102,22 +107,31 @@ def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], 
     """
     order = sorted(contours, key=lambda e: -abs(e.contrast_dn) * math.sqrt(e.coverage * float(e.ellipse[2])))
     total, misfit, count = np.zeros(len(CURVES)), 0.0, 0
+    parts: list[Array] = []
     for edges in order[:_CONTOURS]:
         measured = _contour_chi2(levels, edges, full_scale_dn)
         if measured is not None:
-            chi2, reduced = measured
+            chi2, differences, reduced = measured
             total += chi2 / max(reduced, 1.0)
+            parts.append(differences / max(reduced, 1.0))
             misfit, count = max(misfit, reduced), count + 1
             if abs(total[0] - total[1]) > _PLAIN:
                 break
-    return CurveEvidence(tuple(total.tolist()), misfit, count)
+    if not parts:
+        return CurveEvidence()
+    every = np.concatenate(parts)
+    error = float(np.std(every, ddof=1)) / math.sqrt(len(every))
+    return CurveEvidence(tuple(total.tolist()), float(np.mean(every)) / max(error, 1e-9), misfit, count)
 
 
-def _contour_chi2(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: float) -> tuple[Array, float] | None:
-    """Chi-squares of the curves for one contour, and the least over its degrees of freedom."""
-    table = _pixels(levels, edges, full_scale_dn)
-    if table is None:
+def _contour_chi2(
+    levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: float
+) -> tuple[Array, Array, float] | None:
+    """Chi-squares of the curves, sRGB minus linear of each part of the contour, and the least chi-square, reduced."""
+    found = _pixels(levels, edges, full_scale_dn)
+    if found is None:
         return None
+    table, part = found
     table[:, VALUE] /= full_scale_dn
     place = (table[:, [X, Y]] - edges.ellipse[:2]) / edges.ellipse[2]
     sigma = math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE)
@@ -133,7 +147,7 @@ def _contour_chi2(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn:
     variance = max(edges.blur_px, 0.2) ** 2
     share = step_response(table[:, DISTANCE], table[:, HALF_SUM], table[:, HALF_DIFFERENCE], variance)[0]
     weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
-    chi2 = np.empty(len(CURVES))
+    chi2, squares = np.empty(len(CURVES)), []
     for i, curve in enumerate(CURVES):
         start = np.zeros(UNKNOWNS)
         start[5] = math.log(variance)
@@ -142,22 +156,29 @@ def _contour_chi2(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn:
             start[j] = float(curve.light(level))
             start[j + 1 : j + 3] = plane[1:] * float(np.diff(curve.light([level, level + 1e-3]))[0]) * 1e3
         kind = {"linear": LINEAR_KIND, "srgb": SRGB_KIND}.get(curve.kind, GAMMA_KIND)
-        chi2[i], _ = curve_likelihood(table, weight, place, start, kind, curve.gamma)
+        chi2[i], _, square = curve_likelihood(table, weight, place, start, kind, curve.gamma)
+        squares.append(square)
     if not np.all(np.isfinite(chi2[:2])):
         return None
-    return np.minimum(chi2, 1e12), float(np.min(chi2)) / max(len(table) - UNKNOWNS, 1)
+    differences = np.bincount(part, squares[1] - squares[0], minlength=_PARTS)
+    return np.minimum(chi2, 1e12), differences, float(np.min(chi2)) / max(len(table) - UNKNOWNS, 1)
 
 
-def _pixels(levels: NDArray[np.float32], edges: EdgePoints, saturation_dn: float) -> Array | None:
-    """The pixels around the trusted part of a contour, up to where they start to be clipped."""
+def _pixels(
+    levels: NDArray[np.float32], edges: EdgePoints, saturation_dn: float
+) -> tuple[Array, NDArray[np.int64]] | None:
+    """The pixels around the trusted part of a contour, up to where they start to be clipped, and the part of each."""
     low, high = edges.reach_px
     count = len(edges.trusted)
     table, starts = contour_pixels(levels, edges.ellipse, low - _PLATEAU_PX / 2, high + _PLATEAU_PX / 2, count)
-    table = table[np.repeat(edges.trusted, np.diff(starts))]
+    part = np.repeat(np.arange(count) * _PARTS // count, np.diff(starts))
+    trusted = np.repeat(edges.trusted, np.diff(starts))
+    table, part = table[trusted], part[trusted]
     clipped = table[:, VALUE] >= saturation_dn * _SATURATED
     if np.any(clipped):
         # By distance, because a selection by level would be one by noise.
         bright = math.copysign(1.0, edges.contrast_dn)
         first = float(np.quantile(bright * table[clipped, DISTANCE], 0.02)) - _MARGIN_PX
-        table = table[bright * table[:, DISTANCE] < first]
-    return table if len(table) > 2 * _FEWEST else None
+        before = bright * table[:, DISTANCE] < first
+        table, part = table[before], part[before]
+    return (table, part) if len(table) > 2 * _FEWEST else None

@@ -59,6 +59,11 @@ def grey_levels(
     return _grey(light.astype(np.float32), None, weights), full_scale
 
 
+def encodable(image: NDArray[Any]) -> bool:
+    """Whether an array may have encoded levels: no negative ones, and none beyond 16 bits."""
+    return float(np.min(image)) >= 0.0 and float(np.max(image)) <= 65535.0
+
+
 def averaged_rounding(image: NDArray[Any], weights: tuple[float, float, float] = EQUAL) -> float:
     """Fraction of the variance of the levels' rounding that is left in grey."""
     return 1.0 if image.ndim == 2 or image.shape[2] == 1 else sum(w * w for w in weights)

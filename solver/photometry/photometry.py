@@ -91,6 +91,8 @@ def level_step(image: NDArray[Any], top_dn: float) -> float:
     """Distance of neighbouring levels of an array: 1 for integers; 0 for real numbers that are no 8-bit levels."""
     if image.dtype.kind in "iub":
         return 1.0
+    if top_dn not in (1.0, _EIGHT_BITS):
+        return 0.0
     # Images divided by 255 are common.
     flat = image.reshape(-1)
     some = flat[:: max(1, len(flat) // _SAMPLE)].astype(np.float64) * (_EIGHT_BITS / top_dn)

@@ -12,6 +12,7 @@ import numpy as np
 
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.geometry.pose import tilt_azimuth_deg
+from roundel.solver.caveats import count_caveats
 from roundel.solver.estimates import NOT_FOUND, Estimate
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 
@@ -77,12 +78,26 @@ def distance_label(estimate: Estimate) -> str:
     return with_sigma(*distance_m(estimate, estimate.chosen or 0))
 
 
+def shown_estimates(result: PhotoResult) -> list[Estimate]:
+    """The estimates of a photograph that its line and its picture show: of the first method and the first camera."""
+    label = next(iter(result.cameras), None)
+    of = result.estimates[0].method if result.estimates else None, label
+    return [e for e in result.estimates if e.detection_id != NOT_FOUND and (e.method, e.intrinsics) == of]
+
+
+def caveat_lines(result: PhotoResult) -> list[str]:
+    """The caveats of a photograph: the sentences of a single circle, the number of circles with each of several."""
+    shown = shown_estimates(result)
+    if len(shown) == 1:
+        return list(shown[0].caveats)
+    return [f"{count} of {len(shown)}: {what}" for what, count in count_caveats(e.caveats for e in shown).items()]
+
+
 def line_of(result: PhotoResult) -> str:
     """One photograph in one line."""
     if result.status != "ok":
         return f"{result.file}: {result.reason or result.status}"
-    label = next(iter(result.cameras))
-    first = [e for e in result.estimates if (e.method, e.intrinsics) == (result.estimates[0].method, label)]
+    label, first = next(iter(result.cameras)), shown_estimates(result)
     distances = ", ".join(distance_label(e) for e in first[:4]) + (", ..." if len(first) > 4 else "")
     circles = "1 circle" if len(first) == 1 else f"{len(first)} circles"
     return f"{result.file}: {circles} at {distances} ({result.cameras[label].basis})"
@@ -138,11 +153,15 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "confidence": _finite(estimate.confidence),
         "chosen": estimate.chosen,
         "choice_basis": estimate.choice_basis,
+        "caveats": list(estimate.caveats),
     }
     if estimate.ellipse is not None:
         out["ellipse"] = estimate.ellipse._asdict()
         out["edge_points"], out["edge_sigma_px"] = estimate.edge_points, _finite(estimate.edge_sigma_px)
         out["blur_px"], out["contrast_dn"] = _finite(estimate.blur_px), _finite(estimate.contrast_dn)
+        for name in ("clipped_fraction", "rejected_fraction", "misfit"):
+            out[name] = _finite(getattr(estimate, name))
+        out["fit_used"], out["curve"] = estimate.fit_used, estimate.curve
     if estimate.normal is not None and estimate.centre_m is not None:
         out["candidates"] = [_candidate(estimate, candidate) for candidate in range(len(estimate.normal))]
     if estimate.centre_image is not None:

@@ -26,7 +26,7 @@ from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_ima
 from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_file import Photo, read_photo
-from roundel.solver.photos.photo_report import PhotoResult, distance_label, readable
+from roundel.solver.photos.photo_report import PhotoResult, caveat_lines, distance_label, readable, shown_estimates
 
 Progress = Callable[[int, int], None]
 
@@ -188,9 +188,10 @@ def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
     reason = next(iter(refused.values()), "") or ("" if found else _why_nothing(solved.estimates))
     status = "failed" if refused else "ok" if found else "no circle"
     file = f"{OVERLAYS}/{overlay}"
-    write_file(run.out / file, _picture(photo, cameras, estimates, diameter_m, reason))
     size = photo.width_px, photo.height_px
-    return PhotoResult(path.as_posix(), status, reason, *size, cameras, estimates, found, file)
+    result = PhotoResult(path.as_posix(), status, reason, *size, cameras, estimates, found, file)
+    write_file(run.out / file, _picture(photo, result, diameter_m))
+    return result
 
 
 def _why_nothing(estimates: list[Estimate]) -> str:
@@ -213,19 +214,17 @@ def _cameras(photo: Photo, specs: list[Intrinsics] | None) -> tuple[dict[str, Un
     return cameras, refused
 
 
-def _picture(
-    photo: Photo, cameras: dict[str, UncertainCamera], estimates: list[Estimate], diameter_m: float, reason: str
-) -> bytes:
+def _picture(photo: Photo, result: PhotoResult, diameter_m: float) -> bytes:
     """The overlay of the first method and the first intrinsics, as a PNG."""
     from PIL import Image
 
-    label = next(iter(cameras), None)
-    shown = [
-        e for e in estimates if e.detection_id != NOT_FOUND and (e.method, e.intrinsics) == (estimates[0].method, label)
-    ]
-    drawn = [Drawn(e, diameter_m, distance_label(e)) for e in shown]
-    basis = f"Camera: {cameras[label].basis}." if label is not None else ""
+    drawn = [Drawn(e, diameter_m, distance_label(e)) for e in shown_estimates(result)]
+    camera, reason = next(iter(result.cameras.values()), None), result.reason
+    basis = f"Camera: {camera.basis}." if camera is not None else ""
     footer = f"{reason[:1].upper()}{reason[1:]}. {basis}" if reason else f"{basis} Marker: {1000 * diameter_m:g} mm."
+    caveats = caveat_lines(result)
+    if caveats:
+        footer += f" Caveats: {'; '.join(caveats)}."
     buffer = io.BytesIO()
     # Level 1: a photograph's noise does not compress, and level 6 takes four times as long for 5 % less.
     Image.fromarray(draw_overlay(photo.picture, drawn, footer)).save(buffer, "PNG", compress_level=1)

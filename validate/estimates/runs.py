@@ -32,7 +32,8 @@ class Run:
 
     `cameras[camera[i]]` is the camera that row i used; `ok[i]` tells whether it has a detection, `posed[i]` whether the
     detection has a pose. `ellipse` is NaN if there is none; `centre_px` is the image of the circle's centre in the
-    delivered image, for a pose its projection. `filled` lists the defaults that were used.
+    delivered image, for a pose its projection. `filled` lists the defaults that were used; `caveats` has those of each
+    row.
     """
 
     method: str
@@ -51,6 +52,7 @@ class Run:
     cameras: list[Camera]
     reason: list[str]
     filled: tuple[str, ...] = ()
+    caveats: tuple[tuple[str, ...], ...] = ()
 
 
 def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
@@ -201,6 +203,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         cameras,
         [reason or "" for reason in table["reason"].to_pylist()],
         tuple(what for what, is_so in filled.items() if is_so),
+        tuple(tuple(text for text in row or () if text) for row in table["caveats"].to_pylist()),
     )
 
 

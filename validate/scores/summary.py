@@ -59,6 +59,8 @@ class Summary:
         Reasons of failures, comparisons with the main run, and the detectable change.
     calibration, calibrations, calibration_subsets
         OpenCV's calibration from all views, from the numbers of views in the study, and from random subsets.
+    caveats : list of dict
+        Number of detections of each method and intrinsics with each kind of caveat.
     filled_in : dict
         Defaults that were used for a run's file.
     worth, sweeps, verdicts
@@ -86,6 +88,7 @@ class Summary:
     sweeps: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[dict[str, Any]] = field(default_factory=list)
     checksums: dict[str, str] = field(default_factory=dict)
+    caveats: list[dict[str, Any]] = field(default_factory=list)
 
 
 def summary_record(summary: Summary) -> dict[str, Any]:

@@ -27,8 +27,8 @@ from roundel.validate.tables.table import Cell, Column, Table
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "groups", "failures", "comparisons", "solved_by_one",
-    "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
+    "worth", "verdicts", "results", "centres", "chosen", "groups", "failures", "caveats", "comparisons",
+    "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
     "against_chessboard",
 )  # fmt: skip
 
@@ -71,6 +71,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
                   chosen_note),
         run_table("groups", "Errors by group", groups, "oracle", note),
         failure_table(summary),
+        caveat_table(summary),
         *statistics_tables(summary, mine),
         cell_table(summary.cells),
         *calibration_tables(summary),
@@ -209,6 +210,23 @@ def failure_table(summary: Summary) -> Table:
         f"{100 * settings['gate_fraction_of_minor_semi_axis']:g} % of the minor semi-axis."
     )
     return Table("failures", "Failures", columns, rows, note)
+
+
+def caveat_table(summary: Summary) -> Table:
+    """Detections by kind of caveat; intrinsics that share a count are in one row."""
+    grouped: dict[tuple[Any, ...], list[str]] = {}
+    for c in summary.caveats:
+        grouped.setdefault((c["method"], c["caveat"], c["count"], c["of"]), []).append(c["intrinsics"])
+    columns = (
+        Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("caveat", "Caveat"),
+        Column("count", "Detections", "count"), Column("of", "Of", "count"),
+    )  # fmt: skip
+    rows = tuple((m, ", ".join(labels), what, n, of) for (m, what, n, of), labels in grouped.items())
+    note = (
+        "What the methods' models did not hold for, by their own account; the sentences of each detection are in the "
+        "column `caveats` of the estimates."
+    )
+    return Table("caveats", "Caveats", columns, rows, note)
 
 
 def cell_table(cells: Sequence[Run]) -> Table:
