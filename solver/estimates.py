@@ -55,7 +55,7 @@ SCHEMA = pa.schema(
         pa.field("misfit", pa.float64()),
         pa.field("fit_used", pa.string()),
         pa.field("curve", pa.string()),
-        pa.field("caveats", pa.list_(pa.string())),
+        pa.field("caveats", pa.string()),
         pa.field("focal_sigma", pa.float64()),
         pa.field("intrinsics_basis", pa.string()),
         pa.field("choice_basis", pa.string()),
@@ -116,7 +116,7 @@ class Estimate:
     curve : str
         The response curve that was undone and how it is known: `srgb: estimated from the edges of 3 contours`.
     caveats : tuple of str
-        What the model did not hold for, one short sentence each.
+        What the model did not hold for, one short sentence each; in a table joined by semicolons.
     focal_sigma : float or None
         Standard deviation of the assumed focal length, as a fraction of it; included in `cov`.
     intrinsics_basis, choice_basis : str
@@ -181,7 +181,7 @@ class Estimate:
             "misfit": self.misfit,
             "fit_used": self.fit_used or None,
             "curve": self.curve or None,
-            "caveats": list(self.caveats),
+            "caveats": "; ".join(self.caveats) or None,
             "focal_sigma": self.focal_sigma,
             "intrinsics_basis": self.intrinsics_basis,
             "choice_basis": self.choice_basis,

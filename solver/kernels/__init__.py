@@ -4,6 +4,8 @@ compiled: `compiled`: compile a function with Numba once, keep the result on dis
 contour_pixels: The pixels around an ellipse: a table with a row a pixel, sorted by the sectors of the contour
 contour_scene: The pixels of a fit: the extent of the plateaus beside a contour, the pixels of the edge, and level
     functions
+curve_likelihood: Chi-square of an edge's pixels if light has passed a given response curve: the inner loop of
+    `curve_evidence`
 disc_blur: Edge response of a defocus disc minus that of a Gaussian blur, from a table for one variance
 edge_response: Response of a square pixel to a blurred edge, one pixel at a time
 model_choice: Which further parameters and level functions the pixels of a contour show: Schwarz's criterion, to

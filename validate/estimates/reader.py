@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow as pa
@@ -21,11 +20,6 @@ from roundel.solver.estimates import ESTIMATES, METADATA, SCHEMA
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
 
 _MAGIC = b"PAR1"
-# Columns of lists, and how CSV writes them.
-_LISTS: dict[str, tuple[pa.DataType, Callable[[str], list[float] | list[str]]]] = {
-    "distortion": (pa.float64(), lambda text: [float(number) for number in text.split()]),
-    "caveats": (pa.string(), lambda text: [part.strip() for part in text.split(";") if part.strip()]),
-}
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -130,7 +124,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
             pa.BufferReader(text.encode()),
             read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1),
             convert_options=pa_csv.ConvertOptions(
-                column_types={**types, **dict.fromkeys(_LISTS, pa.string())},
+                column_types={**types, "distortion": pa.string()},
                 # NaN is kept and rejected later: missing values must be empty.
                 null_values=[""],
                 strings_can_be_null=True,
@@ -139,15 +133,13 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
         )
     except (OSError, ValueError, pa.ArrowException) as error:
         raise UsageError(f"{file}: not a CSV file of estimates: {first_line(error)}") from error
-    for name, (type_, split) in _LISTS.items():
-        if name not in table.column_names:
-            continue
+    if "distortion" in table.column_names:
         try:
-            lists = [split(text or "") for text in table[name].to_pylist()]
+            lists = [[float(number) for number in (text or "").split()] for text in table["distortion"].to_pylist()]
         except ValueError as error:
-            raise UsageError(f"{file}: column {name} must be numbers separated by spaces: {error}") from error
-        at = table.column_names.index(name)
-        table = table.set_column(at, name, pa.array(lists, pa.list_(type_)))
+            raise UsageError(f"{file}: column distortion must be numbers separated by spaces: {error}") from error
+        at = table.column_names.index("distortion")
+        table = table.set_column(at, "distortion", pa.array(lists, pa.list_(pa.float64())))
     return table
 
 

@@ -203,8 +203,12 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         cameras,
         [reason or "" for reason in table["reason"].to_pylist()],
         tuple(what for what, is_so in filled.items() if is_so),
-        tuple(tuple(text for text in row or () if text) for row in table["caveats"].to_pylist()),
+        tuple(_sentences(text or "") for text in table["caveats"].to_pylist()),
     )
+
+
+def _sentences(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(";") if part.strip())
 
 
 def _where(table: pa.Table, row: int) -> str:

@@ -83,9 +83,9 @@ COLUMNS: tuple[Given, ...] = (
     ),
     Given(
         ("caveats",),
-        "list of texts; in CSV between semicolons",
+        "text",
         "",
-        "what the method's model did not hold for; the report counts them",
+        "what the method's model did not hold for, sentences joined by semicolons; the report counts them",
         "none",
     ),
     Given(("status",), "`ok` or `failed`", "", "", "`failed` where pose, ellipse and centre are empty, else `ok`"),

@@ -28,8 +28,8 @@ Run = dict[str, Any]
 
 NAMES = (
     "worth", "verdicts", "results", "centres", "chosen", "groups", "failures", "caveats", "comparisons",
-    "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards",
-    "against_chessboard",
+    "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations", "calibration_errors",
+    "boards", "against_chessboard",
 )  # fmt: skip
 
 _FRAME = (
