@@ -19,6 +19,7 @@ ellipse.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,7 +82,11 @@ class _Fit:
 
 
 def fit_pixels(
-    image: NDArray[Any], edges: EdgePoints, camera: Camera | None = None, full_scale_dn: float = 255.0
+    image: NDArray[Any],
+    edges: EdgePoints,
+    camera: Camera | None = None,
+    full_scale_dn: float = 255.0,
+    noise_floor: Callable[[float], float] | None = None,
 ) -> PixelFit | FailedFit:
     """Fit an ellipse, blur and grey levels to the pixels along a contour.
 
@@ -95,6 +100,8 @@ def fit_pixels(
         With lens distortion, the ellipse is in undistorted pixel coordinates.
     full_scale_dn : float
         The level at which pixels saturate.
+    noise_floor : callable, optional
+        Least variance of a pixel at a grey level, dn^2: what rounding alone causes.
 
     Returns
     -------
@@ -107,10 +114,11 @@ def fit_pixels(
         scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
         if isinstance(scene, FailedFit):
             return scene
-        state = _settled(scene, edges, full_scale_dn)
+        fit = _fit_of(scene, edges, full_scale_dn, noise_floor)
+        state = _settled(fit)
         if isinstance(state, FailedFit):
             return state
-        if trusted is edges.trusted and not any(scene.clipped) and _is_uneven(state, edges):
+        if trusted is edges.trusted and not any(scene.clipped) and _is_uneven(state, fit):
             return FailedFit(UNEVEN)
         sectors = sectors_of(state, scene)
         width = math.ceil((state.parameters[VARIANCE] + max(state.parameters[INK], 0.0)) ** 0.5)
@@ -122,17 +130,27 @@ def fit_pixels(
     return finished(state, scene, float(rejected * np.mean(edges.trusted)))
 
 
-def _is_uneven(state: FitState, edges: EdgePoints) -> bool:
+def _is_uneven(state: FitState, fit: _Fit) -> bool:
     """Whether the local levels of the edge points follow the light better than smooth functions do."""
     spread_dn = math.sqrt(float(np.mean(state.noise)))
-    return state.levels.shape[1] == SIZES[-1] or spread_dn > _UNEVEN * max(edges.noise_dn, _ROUNDING_DN)
+    least_dn = max(fit.edges.noise_dn, _ROUNDING_DN, math.sqrt(float(np.mean(fit.floor))))
+    return state.levels.shape[1] == SIZES[-1] or spread_dn > _UNEVEN * least_dn
 
 
-def _settled(scene: PixelScene, edges: EdgePoints, full_scale_dn: float) -> FitState | FailedFit:
-    """The converged fit, with what its model needs."""
+def _fit_of(
+    scene: PixelScene, edges: EdgePoints, full_scale_dn: float, noise_floor: Callable[[float], float] | None
+) -> _Fit:
     contrast_dn, blur2 = abs(edges.contrast_dn), max(edges.blur_px, 0.3) ** 2
     priors = np.array([0.0, 1.0, _INK * blur2, _UNEVEN_LIGHT * contrast_dn])
     fit = _Fit(scene, edges, full_scale_dn, np.full(2, _FLOOR_DN2), priors)
+    if noise_floor is not None:
+        least = [max(noise_floor(level), _FLOOR_DN2) for level in _constants(fit)]
+        fit = replace(fit, floor=np.array(least))
+    return fit
+
+
+def _settled(fit: _Fit) -> FitState | FailedFit:
+    """The converged fit, with what its model needs."""
     # A first look at the residuals decides what the model needs: errors of blur and shape resemble level functions.
     state = _fitted(fit, _first_state(fit), rough=True)
     if isinstance(state, FailedFit):

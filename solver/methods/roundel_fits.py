@@ -30,7 +30,7 @@ from roundel.solver.fit.ellipse import (
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 from roundel.solver.fit.pixel_fit import fit_pixels
-from roundel.solver.photometry.curve_displacement import edge_displacement_px, with_unknown_curve
+from roundel.solver.photometry.curve_displacement import displaced, edge_displacement_px
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import side_levels
 from roundel.solver.photometry.photometry import PLAIN, Photometry
@@ -46,6 +46,7 @@ METHODS = {
 }
 DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
+_SHIFT_SIGMA = 0.5  # of the displacement by JPEG, which depends on levels and blur that are only known roughly
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +119,22 @@ def fit_detection(seen: Detections, detection: Detection, camera: Camera, method
     covariance includes linear and sRGB levels.
     """
     fit = _fit_of(seen, detection, camera, method)
-    if isinstance(fit, FailedFit) or seen.photometry.curve.known:
+    if isinstance(fit, FailedFit):
         return fit
-    inside, outside = (level / seen.photometry.top_dn for level in side_levels(seen.grey, detection.edges))
-    return with_unknown_curve(fit, edge_displacement_px(inside, outside, detection.edges.blur_px))
+    photometry, blur_px = seen.photometry, detection.edges.blur_px
+    sides = side_levels(seen.grey, detection.edges)
+    if not photometry.curve.known:
+        # Between the contours of both curves.
+        half = edge_displacement_px(*(level / photometry.top_dn for level in sides), blur_px) / 2
+        return displaced(fit, -half, abs(half))
+    shift = photometry.displacement_px(*sides, blur_px)
+    return displaced(fit, -shift, _SHIFT_SIGMA * abs(shift)) if shift else fit
 
 
 def _fit_of(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
     if method == "pixels":
-        fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn)
+        floor = seen.photometry.noise_floor(*side_levels(seen.grey, detection.edges), detection.edges.blur_px)
+        fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn, floor)
         if not isinstance(fit, FailedFit):
             return fit
         instead = _fit_of(seen, detection, camera, "ml")
@@ -156,7 +164,8 @@ def fit_points(
 ) -> EllipseFit | FailedFit:
     """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
 
-    Points in the order of a contour (`along_contour`) show where it is not the ellipse's. Points without undistorted coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
+    Points in the order of a contour (`along_contour`) show where it is not the ellipse's. Points without undistorted
+    coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
     """
     points = undistort_px(camera, points_px)
     seen = np.isfinite(points).all(axis=1)

@@ -41,22 +41,23 @@ def edge_displacement_px(inside: float, outside: float, blur_px: float) -> float
     return float(math.sqrt(blur_px**2 + PIXEL_VARIANCE) * ndtri(share))
 
 
-def with_unknown_curve(fit: EllipseFit, displacement_px: float) -> EllipseFit:
-    """The ellipse between those of both curves, with a covariance that includes both.
+def displaced(fit: EllipseFit, distance_px: float, sigma_px: float) -> EllipseFit:
+    """The ellipse after its contour was moved along its normal, and with the uncertainty of that move.
 
     Parameters
     ----------
     fit : EllipseFit
-        Of levels that are linear or sRGB, without its curve undone.
-    displacement_px : float
-        `edge_displacement_px`, by which the contour is displaced if they are sRGB.
+    distance_px : float
+        Toward the outside, the same all around.
+    sigma_px : float
+        Its standard deviation, included in the covariance.
     """
     _, normals, u = sector_centres(fit.ellipse, _POINTS)
     # The change of shape that displaces each point of the contour by 1 px along its normal, as nearly as possible.
     nx, ny = normals.T
     along = np.column_stack([nx, ny, nx * u[:, 0], nx * u[:, 1] + ny * u[:, 0], ny * u[:, 1]])
     outward = np.linalg.lstsq(along, np.ones(_POINTS), rcond=None)[0]
-    half = displacement_px / 2 * outward
-    shape_cov = fit.shape_cov + np.outer(half, half)
-    moved = finished_fit(shape_of_ellipse(fit.ellipse) - half, fit.residual_px, fit.sigma_px**2, shape_cov)
+    shape_cov = fit.shape_cov + sigma_px**2 * np.outer(outward, outward)
+    theta = shape_of_ellipse(fit.ellipse) + distance_px * outward
+    moved = finished_fit(theta, fit.residual_px, fit.sigma_px**2, shape_cov)
     return replace(fit, ellipse=moved.ellipse, cov=moved.cov, shape_cov=moved.shape_cov)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.response_curve import LINEAR, ResponseCurve
-from roundel.solver.photometry.jpeg_rounding import jpeg_variance
+from roundel.solver.photometry.jpeg_rounding import JpegEdge, jpeg_edge
 
 ROUNDING = 1 / 12  # variance of a rounding to whole steps, in steps^2
 _SAMPLE = 4096
@@ -74,14 +74,22 @@ class Photometry:
         """
         variance = ROUNDING * self.step_dn**2 * self.averaged
         if self.jpeg is not None:
-            ends = np.clip(np.array([inside_dn, outside_dn]) / self.top_dn, 0.0, 1.0)
-            contrast = float(np.abs(np.diff(self.curve.level(ends)))[0]) * _EIGHT_BITS
-            variance += jpeg_variance(self.jpeg, contrast, blur_px) * (self.top_dn / _EIGHT_BITS) ** 2
+            variance += self._jpeg_edge(inside_dn, outside_dn, blur_px).variance * (self.top_dn / _EIGHT_BITS) ** 2
 
         def at(level_dn: float) -> float:
             return variance * self.light_per_level(level_dn) ** 2
 
         return at
+
+    def displacement_px(self, inside_dn: float, outside_dn: float, blur_px: float) -> float:
+        """Distance, toward the outside, by which a JPEG's quantisation displaces an edge between two linear levels."""
+        return 0.0 if self.jpeg is None else self._jpeg_edge(inside_dn, outside_dn, blur_px).displacement_px
+
+    def _jpeg_edge(self, inside_dn: float, outside_dn: float, blur_px: float) -> JpegEdge:
+        assert self.jpeg is not None
+        light = np.clip(np.array([inside_dn, outside_dn]) / self.top_dn, 0.0, 1.0)
+        inside, outside = (float(v) for v in self.curve.level(light) * _EIGHT_BITS)
+        return jpeg_edge(self.jpeg, self.curve, inside, outside, blur_px)
 
 
 PLAIN = Photometry()
