@@ -27,7 +27,7 @@ from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 Array = NDArray[np.float64]
 
 _BLOCKS = 800  # the variance is then known to 5 %, the displacement to 0.001 px
-_DITHER = 1.0  # levels of noise before the rounding
+_DITHER = 0.5  # levels of noise before the rounding: no sensor has less
 _NEAR = 3.0  # blurs that an edge's centre may lie outside its block
 _COARSE = 8.0  # steps of the levels for which an edge is computed
 _FINE, _LEAST_BLUR_PX = 3.0, 0.1  # steps of its blur per factor of 2, and the least blur
