@@ -46,7 +46,7 @@ class Memory:
         self.order = sorted(self.frames)
         self.next = 0
 
-    def detect_circles(self, grey: Any, full_scale_dn: float) -> Detections:
+    def detect_circles(self, grey: Any, full_scale_dn: float, own_ellipses: bool = True) -> Detections:
         frame = self.order[self.next % len(self.order)]
         self.next += 1
         return Detections(grey, full_scale_dn, self.frames[frame])

@@ -1,68 +1,70 @@
-"""Cut edge segments at corners, to keep the visible arcs of a circle that is partly hidden or crossed by a shadow."""
+"""Cut edge chains at corners, to keep the visible arcs of a circle that is partly hidden or crossed by a shadow."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.solver.kernels.compiled import compiled
+
 Array = NDArray[np.float64]
 
-_STEP = 6  # points on either side that define a direction, because chains consist of whole pixels
+STEP = 6  # points on either side that define a direction, because chains consist of whole pixels
 _CORNER_DEG = 50.0
 _BACK_DEG = 15.0  # turn against the direction of the arc
-_MIN_POINTS = 14
+MIN_POINTS = 14
 _MIN_TURN_DEG = 40.0  # a flatter arc does not determine an ellipse
 
 
-def arcs_of(segments: list[Array]) -> list[Array]:
-    """Pieces of edge segments that bend in one direction and have no corner.
+@compiled
+def arcs_of(x: Array, y: Array, count: int, turn: Array, arcs: NDArray[np.int64]) -> int:
+    """Pieces of a chain that bend in one direction and have no corner.
 
     Parameters
     ----------
-    segments : list of (N, 2) arrays
-        Chains of neighbouring pixels.
+    x, y : arrays
+        Neighbouring pixels; only the first `count` are used.
+    count : int
+    turn : array
+        Workspace of at least twice the length of x.
+    arcs : (n, 2) array
+        Receives the first and the past-the-end index of each piece; what does not fit is dropped.
 
     Returns
     -------
-    list of (N, 2) arrays
-        Pieces that are long enough and bent enough to determine an ellipse.
+    int
+        The number of pieces: long enough and bent enough to determine an ellipse.
     """
-    segments = [s for s in segments if len(s) >= max(_MIN_POINTS, 2 * _STEP + 1)]
-    if not segments:
-        return []
-    # All segments are concatenated, closed ones with repeated ends, so that each step is one pass over all points.
-    rows = [np.concatenate([s[-_STEP:], s, s[:_STEP]]) if _is_closed(s) else s for s in segments]
-    points = np.concatenate(rows)
-    lengths = np.array([len(r) for r in rows])
-    ends = np.cumsum(lengths)
-    first, last = np.repeat(ends - lengths, lengths), np.repeat(ends - 1, lengths)
-    at = np.arange(len(points))
-    ahead, behind = points[np.minimum(at + _STEP, last)] - points, points - points[np.maximum(at - _STEP, first)]
-    # Near an open end there is no direction on one side, so the turn is zero there.
-    cross = ahead[:, 0] * behind[:, 1] - ahead[:, 1] * behind[:, 0]
-    turn = -np.degrees(np.arctan2(cross, np.sum(ahead * behind, axis=1)))
-    turn[(at - first < _STEP) | (last - at < _STEP)] = 0.0
-    sums = np.concatenate([[0.0], np.cumsum(turn)])
-    half = _STEP // 2
-    smooth = (sums[np.minimum(at + half, last) + 1] - sums[np.maximum(at - half, first)]) / (2 * half + 1)
-    out = []
-    for start, end in zip(ends - lengths, ends, strict=True):
-        out += _pieces(points[start:end], smooth[start:end])
-    return out
-
-
-def _is_closed(segment: Array) -> bool:
-    return len(segment) > 4 * _STEP and float(np.max(np.abs(segment[0] - segment[-1]))) <= 3.0
-
-
-def _pieces(points: Array, turn: Array) -> list[Array]:
-    out = []
-    sharp = np.abs(turn) > _CORNER_DEG
+    if count < max(MIN_POINTS, 2 * STEP + 1):
+        return 0
+    half, raw = STEP // 2, turn[count:]
+    for i in range(count):
+        raw[i] = 0.0  # near an open end there is no direction on one side
+        if STEP <= i < count - STEP:
+            ax, ay = x[i + STEP] - x[i], y[i + STEP] - y[i]
+            bx, by = x[i] - x[i - STEP], y[i] - y[i - STEP]
+            raw[i] = math.degrees(math.atan2(bx * ay - by * ax, ax * bx + ay * by))
+    total = 0.0
+    for i in range(min(half, count)):
+        total += raw[i]
+    for i in range(count):
+        if i + half < count:
+            total += raw[i + half]
+        if i - half - 1 >= 0:
+            total -= raw[i - half - 1]
+        turn[i] = total / STEP
+    found = 0
     for sign in (1.0, -1.0):
-        bent = ~sharp & (sign * turn > -_BACK_DEG)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], bent, [False]]).astype(np.int8)))
-        for start, end in edges.reshape(-1, 2):
-            # A turn is spread over _STEP points on either side, so the sum counts it _STEP times.
-            if end - start >= _MIN_POINTS and sign * float(np.sum(turn[start:end])) / _STEP >= _MIN_TURN_DEG:
-                out.append(points[start:end])
-    return out
+        first, bent = 0, 0.0
+        for i in range(count + 1):
+            if i < count and abs(turn[i]) <= _CORNER_DEG and sign * turn[i] > -_BACK_DEG:
+                bent += sign * turn[i]
+                continue
+            # A turn is spread over STEP points on either side, so the sum counts it STEP times.
+            if i - first >= MIN_POINTS and bent / STEP >= _MIN_TURN_DEG and found < len(arcs):
+                arcs[found, 0], arcs[found, 1] = first, i
+                found += 1
+            first, bent = i + 1, 0.0
+    return found

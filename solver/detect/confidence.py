@@ -6,7 +6,7 @@ The confidence is a product of four parts, each 1 if there is no evidence agains
   octagon deviates by 2.2 % from its best ellipse, a hexagon by 4 %, a square by 9 %, most letters O by 1.5 %. Small,
   noisy or blurred contours do not distinguish an octagon from a circle, so their bound is large.
 - pixels: residual of the single-edge model beyond the pixels' noise; a tenth of the contrast halves it.
-- coverage: the fraction of the contour that shows an edge; a half counts little, 95 % fully.
+- coverage: the fraction of the contour inside the image that shows an edge; a half counts little, 95 % fully.
 - contrast: the step over the noise, times the square root of the number of points.
 """
 
@@ -15,9 +15,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from roundel.solver.detect.candidates import plausible, rms_distance
+from roundel.solver.detect.candidates import plausible
+from roundel.solver.detect.ellipse_sums import sampson
 from roundel.solver.fit.edges import EdgePoints
+from roundel.solver.kernels.compiled import compiled
+
+Array = NDArray[np.float64]
 
 _SHAPE = 0.009
 _PIXELS = 0.10
@@ -27,12 +32,12 @@ _SIGNAL = 20.0
 _BLUR = 12.5
 
 _MIN_COVERAGE = 0.35
-_MIN_POINTS = 10  # fewer lie on an ellipse by chance
+_MIN_POINTS = 11  # fewer lie on an ellipse by chance
 _WHOLE = 0.55  # a lower coverage is an arc, which must fit better
 _MIN_CONTRAST_DN = 2.5  # rounding of smooth light produces contours of one grey level
 
 
-def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> float:
+def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float, visible: float = 1.0) -> float:
     """Confidence in [0, 1] that a contour is the image of a circle; 1: complete, with residuals at the noise level.
 
     Parameters
@@ -41,20 +46,23 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float) -> floa
     noise : float
         Standard deviation of the image's noise, dn.
     full_scale_dn : float
+    visible : float
+        Fraction of the contour inside the image.
     """
     contrast, b, count = abs(edges.contrast_dn), float(edges.ellipse[3]), len(edges.points_px)
     free = max(count - 5, 1)  # an ellipse has five parameters
     grain = max(noise, 1e-3 * full_scale_dn)  # rounding, in an image without noise
-    expected2 = _expected_px(edges, noise) ** 2
+    noise2 = _noise_px(edges, noise) ** 2
     residual2 = rms_distance(edges.ellipse, edges.points_px) ** 2 * count / free
+    model2 = _model_px(edges, 1.3 * grain) ** 2
     # Two standard deviations of the mean square of this many residuals.
-    bound = math.sqrt(max(0.0, residual2 - expected2) + 2.0 * expected2 * math.sqrt(2.0 / free))
+    bound = math.sqrt(max(0.0, residual2 - noise2 - model2) + 2.0 * noise2 * math.sqrt(2.0 / free))
     off = bound / b * math.exp(min(_BLUR * (edges.blur_px / b) ** 2, 20.0)) / _SHAPE
     misfit = math.sqrt(max(0.0, edges.noise_dn**2 - (1.3 * grain) ** 2)) / max(contrast, 1e-12) / _PIXELS
     seen = (edges.coverage - _NO_COVERAGE) / (_FULL_COVERAGE - _NO_COVERAGE)
     signal = contrast / grain * math.sqrt(count) / _SIGNAL
     parts = 1.0 / (1.0 + off**4), 1.0 / (1.0 + misfit**4), min(max(seen, 0.0), 1.0), -math.expm1(-(signal**2))
-    return float(np.prod(parts))
+    return math.prod(parts)
 
 
 def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough_px: float = 0.0) -> bool:
@@ -63,7 +71,7 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough
     `rough_px` is the error of points that have not converged.
     """
     contrast, b, coverage = abs(edges.contrast_dn), float(edges.ellipse[3]), edges.coverage
-    if not plausible(edges.ellipse, (10**9, 10**9)) or coverage < _MIN_COVERAGE or len(edges.points_px) < _MIN_POINTS:
+    if not plausible(edges.ellipse, 10**9, 10**9) or coverage < _MIN_COVERAGE or len(edges.points_px) < _MIN_POINTS:
         return False
     if contrast < max(_MIN_CONTRAST_DN * min(full_scale_dn / 255.0, 1.0), noise):
         return False
@@ -81,12 +89,33 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough
     allowed = 0.012 + 0.004 * b + 1.2e-4 * b * b + 0.08 * edges.blur_px**2 / b
     if aliased and edges.noise_dn > 0.06 * contrast:
         allowed = max(allowed, 0.26)  # rounding of an edge to whole pixels
-    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(
-        allowed + rough_px, 1.5 * _expected_px(edges, noise)
-    )
+    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(allowed + rough_px, 1.5 * _noise_px(edges, noise))
 
 
-def _expected_px(edges: EdgePoints, noise: float) -> float:
+def rms_distance(ellipse: Array, points: Array) -> float:
+    """RMS of the distances of points (N, 2) near an ellipse (5,), px."""
+    return _rms(ellipse, np.ascontiguousarray(points))
+
+
+@compiled
+def _rms(ellipse: Array, points: Array) -> float:
+    total = 0.0
+    for i in range(len(points)):
+        total += sampson(ellipse, points[i, 0], points[i, 1]) ** 2
+    return math.sqrt(total / max(len(points), 1))
+
+
+def _noise_px(edges: EdgePoints, noise: float) -> float:
     """RMS residual explained by the pixels' noise; residuals of the model beyond it do not count as explained."""
     own = min(1.0, 1.5 * noise / max(edges.noise_dn, 1e-9))
-    return float(np.sqrt(np.mean(edges.sigma_px**2))) * own
+    return math.sqrt(float(np.mean(edges.sigma_px**2))) * own
+
+
+def _model_px(edges: EdgePoints, grain: float) -> float:
+    """How far an error of the model of this many grey levels displaces an edge: over the slope at its middle.
+
+    Marks beside the edge, the other edge of a narrow ring or an encoding of the levels make such errors. A
+    polygon does not: its sides are perfect edges, which lie on no ellipse.
+    """
+    error = math.sqrt(max(0.0, edges.noise_dn**2 - grain**2))
+    return error / max(abs(edges.contrast_dn), 1e-12) * math.sqrt(2.0 * math.pi * (edges.blur_px**2 + 1.0 / 12.0))

@@ -19,7 +19,7 @@ def compiled(function: Function) -> Function:
     """A function compiled at its first call; later processes load it from Numba's cache.
 
     Numba compares only the function's own file with the cached one. Kernels call each other across files, so the stamp
-    of all files of this package takes its place.
+    of all files of this package and of the function's own takes its place.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def compiled_sums(function: Function) -> Function:
 def _cached(kernel: Any) -> Any:
     file: Any = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
     if hasattr(file, "_source_stamp"):
-        file._source_stamp = _stamp()
+        file._source_stamp = _stamp(Path(kernel.py_func.__code__.co_filename).parent)
     return kernel
 
 
-def _stamp() -> tuple[tuple[str, float, int], ...]:
-    files = sorted(Path(__file__).parent.glob("*.py"))
+def _stamp(own: Path) -> tuple[tuple[str, float, int], ...]:
+    files = [file for folder in (Path(__file__).parent, own) for file in sorted(folder.glob("*.py"))]
     return tuple((f.name, f.stat().st_mtime, f.stat().st_size) for f in files)
 
 

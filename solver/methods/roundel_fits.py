@@ -78,9 +78,14 @@ class FallbackFit(EllipseFit):
     reason: str
 
 
-def detect_circles(grey: NDArray[Any], full_scale_dn: float, photometry: Photometry | None = None) -> Detections:
-    """Detect the circles of an image; an image that is too small has none."""
-    found = detect(grey, full_scale_dn) if min(grey.shape) >= _MIN_IMAGE_PX else []
+def detect_circles(
+    grey: NDArray[Any], full_scale_dn: float, photometry: Photometry | None = None, own_ellipses: bool = True
+) -> Detections:
+    """Detect the circles of an image; an image that is too small has none.
+
+    `own_ellipses`: also compute EdgeDrawing's own ellipses, which only the method `edgedrawing` needs.
+    """
+    found = detect(grey, full_scale_dn, own_ellipses=own_ellipses) if min(grey.shape) >= _MIN_IMAGE_PX else []
     return Detections(np.ascontiguousarray(grey, dtype=np.float32), full_scale_dn, found, photometry or PLAIN)
 
 

@@ -123,7 +123,7 @@ def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str],
         return _shared(given, methods, lambda c, m: [fit_points(p, None, c, m) for p in points]), [(None, None)] * len(
             points
         )
-    seen = detect_circles(given.grey, given.saturation_dn, photometry=given.photometry)
+    seen = detect_circles(given.grey, given.saturation_dn, given.photometry, "edgedrawing" in methods)
     if given.linearise is not None:
         seen = with_estimated_curve(seen, given.linearise)
     found = seen.detections
