@@ -17,6 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.detect.candidates import plausible
 from roundel.solver.detect.ellipse_sums import sampson
 from roundel.solver.fit.edges import EdgePoints
@@ -30,6 +31,9 @@ _NO_COVERAGE, _FULL_COVERAGE = 0.25, 0.95
 _SIGNAL = 20.0
 # A blur of sigma s reduces the n-th harmonic of a contour by exp(-n^2 s^2 / (2 r^2)); n = 5 is that of a pentagon.
 _BLUR = 12.5
+
+# Of the residual's displacement of an edge: part is explained by the levels and the blur; and of the edge's width.
+_MODEL, _MOST_MODEL = 0.7, 0.1
 
 _MIN_COVERAGE = 0.35
 _MIN_POINTS = 11  # fewer lie on an ellipse by chance
@@ -49,7 +53,8 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float, visible
     visible : float
         Fraction of the contour inside the image.
     """
-    contrast, b, count = abs(edges.contrast_dn), float(edges.ellipse[3]), len(edges.points_px)
+    contrast, count = abs(edges.contrast_dn), len(edges.points_px)
+    a, b = float(edges.ellipse[2]), float(edges.ellipse[3])
     free = max(count - 5, 1)  # an ellipse has five parameters
     grain = max(noise, 1e-3 * full_scale_dn)  # rounding, in an image without noise
     noise2 = _noise_px(edges, noise) ** 2
@@ -57,7 +62,9 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float, visible
     model2 = _model_px(edges, 1.3 * grain) ** 2
     # Two standard deviations of the mean square of this many residuals.
     bound = math.sqrt(max(0.0, residual2 - noise2 - model2) + 2.0 * noise2 * math.sqrt(2.0 / free))
-    off = bound / b * math.exp(min(_BLUR * (edges.blur_px / b) ** 2, 20.0)) / _SHAPE
+    # Of a tilted polygon: relative deviations are seen times about sqrt(a b), and the long sides keep their corners.
+    hidden = math.exp(min(_BLUR * edges.blur_px**2 / ((a * a + b * b) / 2.0), 20.0))
+    off = bound / math.sqrt(a * b) * hidden / _SHAPE
     misfit = math.sqrt(max(0.0, edges.noise_dn**2 - (1.3 * grain) ** 2)) / max(contrast, 1e-12) / _PIXELS
     seen = (edges.coverage - _NO_COVERAGE) / (_FULL_COVERAGE - _NO_COVERAGE)
     signal = contrast / grain * math.sqrt(count) / _SIGNAL
@@ -89,7 +96,9 @@ def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough
     allowed = 0.012 + 0.004 * b + 1.2e-4 * b * b + 0.08 * edges.blur_px**2 / b
     if aliased and edges.noise_dn > 0.06 * contrast:
         allowed = max(allowed, 0.26)  # rounding of an edge to whole pixels
-    return rms_distance(edges.ellipse, edges.points_px) <= math.hypot(allowed + rough_px, 1.5 * _noise_px(edges, noise))
+    model_px = _model_px(edges, 1.3 * max(noise, 1e-3 * full_scale_dn))
+    explained_px = math.hypot(allowed + rough_px, 1.5 * _noise_px(edges, noise), model_px)
+    return rms_distance(edges.ellipse, edges.points_px) <= explained_px
 
 
 def rms_distance(ellipse: Array, points: Array) -> float:
@@ -112,10 +121,12 @@ def _noise_px(edges: EdgePoints, noise: float) -> float:
 
 
 def _model_px(edges: EdgePoints, grain: float) -> float:
-    """How far an error of the model of this many grey levels displaces an edge: over the slope at its middle.
+    """How far an error of the model, its residual beyond this grain of the pixels, may displace an edge.
 
-    Marks beside the edge, the other edge of a narrow ring or an encoding of the levels make such errors. A
-    polygon does not: its sides are perfect edges, which lie on no ellipse.
+    Marks beside the edge, the other edge of a narrow ring or an encoding of the levels make such errors: over the slope
+    at the middle of the edge they are a displacement, at most a fraction of the edge's width. A polygon makes none: its
+    sides are perfect edges, which lie on no ellipse.
     """
-    error = math.sqrt(max(0.0, edges.noise_dn**2 - grain**2))
-    return error / max(abs(edges.contrast_dn), 1e-12) * math.sqrt(2.0 * math.pi * (edges.blur_px**2 + 1.0 / 12.0))
+    error = math.sqrt(max(0.0, edges.noise_dn**2 - grain**2)) / max(abs(edges.contrast_dn), 1e-12)
+    width = math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE)
+    return width * min(_MODEL * error * math.sqrt(2.0 * math.pi), _MOST_MODEL)
