@@ -32,8 +32,8 @@ _SIGNAL = 20.0
 # A blur of sigma s reduces the n-th harmonic of a contour by exp(-n^2 s^2 / (2 r^2)); n = 5 is that of a pentagon.
 _BLUR = 12.5
 
-# Of the residual's displacement of an edge: part is explained by the levels and the blur; and of the edge's width.
-_MODEL, _MOST_MODEL = 0.7, 0.1
+_MODEL = 0.7  # of the residual over the slope: levels and blur of the model explain a part of it
+_MARKS_PX = 20.0  # marks farther from an edge than its blur displace it by the blur's square over some such distance
 
 _MIN_COVERAGE = 0.35
 _MIN_POINTS = 11  # fewer lie on an ellipse by chance
@@ -123,10 +123,10 @@ def _noise_px(edges: EdgePoints, noise: float) -> float:
 def _model_px(edges: EdgePoints, grain: float) -> float:
     """How far an error of the model, its residual beyond this grain of the pixels, may displace an edge.
 
-    Marks beside the edge, the other edge of a narrow ring or an encoding of the levels make such errors: over the slope
-    at the middle of the edge they are a displacement, at most a fraction of the edge's width. A polygon makes none: its
-    sides are perfect edges, which lie on no ellipse.
+    Blur mixes marks beside the edge into its profile, as it does the other edge of a narrow ring: over the slope at the
+    middle of the edge the residual is a displacement, at most the blur's square over the distance of such marks. A
+    polygon has no such residual: its sides are perfect edges, which lie on no ellipse.
     """
     error = math.sqrt(max(0.0, edges.noise_dn**2 - grain**2)) / max(abs(edges.contrast_dn), 1e-12)
-    width = math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE)
-    return width * min(_MODEL * error * math.sqrt(2.0 * math.pi), _MOST_MODEL)
+    width = math.sqrt(2.0 * math.pi * (edges.blur_px**2 + PIXEL_VARIANCE))
+    return min(_MODEL * error * width, edges.blur_px**2 / _MARKS_PX)
