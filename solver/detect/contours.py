@@ -12,6 +12,7 @@ from roundel.solver.detect.candidates import plausible
 from roundel.solver.detect.confidence import confidence_of, is_circle_image
 from roundel.solver.detect.distinct import EllipseIndex
 from roundel.solver.detect.evidence import POLARITY, RESIDUAL, SUPPORT, contour_evidence
+from roundel.solver.detect.light_slope import slope_beside
 from roundel.solver.detect.pyramid import enlarged, enlarged_ellipse
 from roundel.solver.fit.edges import EdgePoints, edge_points
 from roundel.solver.fit.ellipse import FailedFit
@@ -22,6 +23,7 @@ _MIN_SUPPORT = 0.3  # fraction of the contour that must show a step: a marker ma
 _CONFIDENT = 0.5
 _CLEAR = 8.0  # a contrast of this many sigmas is detected without averaging
 _ROUGH_PX = 0.05  # error of points that are not polished
+_SMOOTH = 0.6  # slope beside a contour over its own: smooth light; a blur of 5 px of a level has less
 _NEAR = 0.05  # fraction of b within which candidates are the same contour
 # Consecutive failures before the search ends; later candidates have even less evidence. A board of many circles has
 # many chances to be interrupted.
@@ -103,6 +105,8 @@ class Contours:
             edges = edge_points(image, edges.ellipse, full_scale_dn)
             if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn):
                 return None
+        if slope_beside(image, edges.ellipse) > _SMOOTH:
+            return None
         visible = visible_fraction(edges.ellipse, image.shape)
         return Contour(edges, confidence_of(edges, noise, full_scale_dn, visible), visible)
 
