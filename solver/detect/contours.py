@@ -25,9 +25,11 @@ _CLEAR = 8.0  # a contrast of this many sigmas is detected without averaging
 _ROUGH_PX = 0.05  # error of points that are not polished
 _SMOOTH = 0.6  # slope beside a contour over its own: smooth light; a blur of 5 px of a level has less
 _NEAR = 0.05  # fraction of b within which candidates are the same contour
-# Consecutive failures before the search ends; later candidates have even less evidence. A board of many circles has
-# many chances to be interrupted.
-_PATIENCE, _PATIENCE_EACH = 64, 0.5
+# Of a circle's steps: error of a step's place, and deviation of a rough ellipse as a fraction of b.
+_LOCATED_PX, _ROUND = 0.15, 0.01
+# The search of a level ends after so many candidates without a confident one; later ones have even less evidence. A
+# board of many circles has many chances to be interrupted. A reduced level has only what the full image did not show.
+_PATIENCE, _PATIENCE_REDUCED, _PATIENCE_EACH = 48, 24, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +62,13 @@ class Contours:
         """Add the candidates (n, 5) of a level that are circles, each contour once."""
         evidence = contour_evidence(level.image, candidates)
         evidence = evidence[_promising(evidence)]
-        # Sorted by the contour length that shows a step, ties from left to right, so that the order is deterministic.
-        length = evidence[:, SUPPORT] * (evidence[:, 2] + evidence[:, 3])
+        # The best first, ties from left to right, so that the order is deterministic.
+        order = np.lexsort((evidence[:, 1], evidence[:, 0], -_merit(evidence)))
         tried = EllipseIndex()
-        failures = 0
-        for row in evidence[np.lexsort((evidence[:, 1], evidence[:, 0], -length))]:
-            if failures >= _PATIENCE + _PATIENCE_EACH * len(self.found):
+        failures, sure = 0, 0
+        patience = _PATIENCE if level.factor == 1 else _PATIENCE_REDUCED
+        for row in evidence[order]:
+            if failures >= patience + _PATIENCE_EACH * sure:
                 break
             candidate, sign = enlarged_ellipse(row[:5], level.factor), float(row[POLARITY])
             tolerance = level.factor + _NEAR * float(candidate[3])
@@ -73,7 +76,10 @@ class Contours:
                 continue
             tried.add(candidate, sign)
             contour = self._measured(level, row[:5])
-            failures = 0 if contour else failures + 1
+            if contour and contour.confidence >= _CONFIDENT:
+                failures, sure = 0, sure + 1
+            else:
+                failures += 1
             if contour and not self._index.has(contour.edges.ellipse, 0.5 * level.factor):
                 self.found.append(contour)
                 self._index.add(contour.edges.ellipse, float(np.sign(contour.edges.contrast_dn)))
@@ -112,8 +118,17 @@ class Contours:
 
 
 def _promising(evidence: Array) -> NDArray[np.bool_]:
-    # A step is located to some tenths of a pixel; beyond that, a residual over 3 % of b is a square or a letter.
-    return np.asarray((evidence[:, SUPPORT] >= _MIN_SUPPORT) & (evidence[:, RESIDUAL] <= 0.3 + 0.03 * evidence[:, 3]))
+    # A step is located to some tenths of a pixel; beyond that, a residual over 2 % of b is a square or a letter.
+    return np.asarray((evidence[:, SUPPORT] >= _MIN_SUPPORT) & (evidence[:, RESIDUAL] <= 0.3 + 0.02 * evidence[:, 3]))
+
+
+def _merit(evidence: Array) -> Array:
+    """Likelihood that a candidate is a circle: steps all round, on an ellipse; large ones before small ones.
+
+    Lengths alone would put every outline of a large thing before the circles of a cluttered image.
+    """
+    deviation = evidence[:, RESIDUAL] / (_LOCATED_PX + _ROUND * evidence[:, 3])
+    return np.asarray(evidence[:, SUPPORT] ** 2 * (evidence[:, 2] + evidence[:, 3]) ** 0.25 / (1.0 + deviation**2))
 
 
 def visible_fraction(ellipse: Array, shape: tuple[int, ...]) -> float:
