@@ -4,9 +4,9 @@
 
 Renders a few cases (a disc or ring with a semi-major axis of 30 or 12 px, tilted, in and out of focus), develops
 (re-exposes) each radiance with fresh noise, and prints for each case: scatter of the ellipse relative to the Cramer-Rao
-bound of `scenes.geometry.information` (one pair of grey levels and one blur unknown), bias of centre and axes, RMS
-error of the normal relative to its bound, and the mean of the squared error over the claimed covariance divided by its
-5 degrees of freedom.
+bound of `scenes.geometry.pixel_information` (one pair of grey levels and one blur unknown), bias of centre and axes,
+RMS error of the normal relative to its bound, and the mean of the squared error over the claimed covariance divided by
+its 5 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from roundel.datasets.layout.radiance import read_radiance
 from roundel.render.run import render_study
 from roundel.render.sensor.develop import develop
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.geometry.information import pose_bound, pose_information_of_shape, shape_information_of_pixels
+from roundel.scenes.geometry.information import pose_bound, pose_information_of_shape
+from roundel.scenes.geometry.pixel_information import shape_information_of_pixels
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import Frame, frame_of, group_ranges
 from roundel.solver.fit.edges import edge_points

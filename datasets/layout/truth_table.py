@@ -68,6 +68,9 @@ TRUTH_COLUMNS = (
         "what hides the rest, comma-separated: image border, occluder, lamp, sheet; empty if nothing does",
     ),
     TruthColumns(
+        ("contour_visible",), pa.list_(pa.bool_()), "", "which points of the outline are in the image and not hidden"
+    ),
+    TruthColumns(
         ("surface",), _TEXT, "",
         "flat; cylinder or bent: pose and vanishing line are those of the tangent plane at the marker's centre, and "
         "the columns of conic, ellipse and second candidate are empty, because the image is no conic",
@@ -85,9 +88,15 @@ TRUTH_COLUMNS = (
         "null likewise", boards=False,
     ),
     TruthColumns(
+        ("edge_inside_e", "edge_outside_e"), _F, "e",
+        "mean electrons of a pixel within 4 px inside and outside the edge, dark signal included, without clipping; "
+        "null likewise", boards=False,
+    ),
+    TruthColumns(
         ("edge_blur_px",), _F, "px",
         "standard deviation of the blur along one axis, two axes averaged: pixel area, defocus, diffraction, motion",
     ),
+    TruthColumns(("edge_softness_m",), _F, "m", "full width of the ramp between ink and paper, on the sheet"),
     TruthColumns(_matrix("open_camera_from_marker"), _F, "m", "pose when the shutter opens"),
     TruthColumns(_matrix("close_camera_from_marker"), _F, "m", "pose when the shutter closes"),
     TruthColumns(("flags",), _TEXT, "", "flags of the frame and of this marker, comma-separated; empty without any"),

@@ -137,11 +137,13 @@ def edge_photometry(
     dict
         `edge_contrast_dn`: absolute difference of the mean levels within 4 px inside and outside the edge, for a colour
         image the mean of its channels; `edge_noise_dn`: RMS of the noise at these two levels. Both are those after the
-        tone curve and before denoising and sharpening (`noise_dn`). None if a side is not in the image.
+        tone curve and before denoising and sharpening (`noise_dn`). `edge_inside_e`, `edge_outside_e`: mean electrons
+        of the two sides, dark signal included, without clipping. None if a side is not in the image.
     """
     from scipy.ndimage import binary_dilation
 
-    nothing: dict[str, float | None] = {"edge_contrast_dn": None, "edge_noise_dn": None}
+    names = ("edge_contrast_dn", "edge_noise_dn", "edge_inside_e", "edge_outside_e")
+    nothing: dict[str, float | None] = dict.fromkeys(names)
     edge = (coverage > 0) & (coverage < 1)
     if not edge.any():
         return nothing
@@ -154,7 +156,7 @@ def edge_photometry(
     near = binary_dilation(edge[window], iterations=_SIDE_PX)
     values = radiance[window].astype(np.float64)
     colour = filters(sheet.mosaic, values.shape) if sheet.colour else None
-    levels, noises = [], []
+    levels, noises, electrons = [], [], []
     for side in (near & (coverage[window] >= 1), near & (coverage[window] <= 0)):
         channels = [side] if colour is None else [side & (colour == channel) for channel in range(3)]
         if not all(channel.any() for channel in channels):
@@ -165,8 +167,11 @@ def edge_photometry(
             top = (2**sheet.bits - 1) * 2.0**sheet.stored_shift
             expected = saturated(expected / top, sheet.isp) * top
         levels.append(float(expected.mean()))
+        electrons.append(float(means.mean() * exposure_e + sheet.dark_e))
         noises.append(float(np.sqrt(np.mean(noise_dn(means, exposure_e, sheet) ** 2))))
     return {
         "edge_contrast_dn": abs(levels[0] - levels[1]),
         "edge_noise_dn": float(np.hypot(noises[0], noises[1]) / np.sqrt(2)),
+        "edge_inside_e": electrons[0],
+        "edge_outside_e": electrons[1],
     }

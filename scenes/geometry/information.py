@@ -1,4 +1,4 @@
-"""Fisher information of a circle's pose in its contour, and of an ellipse in its pixels.
+"""Fisher information of a circle's pose in points of its contour, or in that about the shape of its ellipse.
 
 Contours: edge point i is pi(X(t_i)) + N(0, sigma^2 I). Its position t_i along the circle is unknown; the Schur
 complement over t_i leaves the component along the image normal nu_i of the contour (errata, section 6):
@@ -10,19 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
-from roundel.scenes.geometry.edge_spread_function import (
-    PIXEL_VARIANCE,
-    curved_distance,
-    ellipse_curvature,
-    step_response,
-)
 
 Array = NDArray[np.float64]
 
@@ -31,11 +24,6 @@ Array = NDArray[np.float64]
 _QUADRATURE = 256
 # Above this condition number (parameters scaled to one) the information is singular to rounding.
 _SINGULAR = 1e13
-# Quadrature over a band of pixels: angles (for a blunt ellipse, for others), and Gauss-Legendre nodes across it before,
-# within and beyond six sigma of the edge. The error against many more nodes is within 0.3 % for sharp edges, where the
-# response has corners, and 3 % if the blur is half of the minor semi-axis.
-_ANGLES, _NODES = (32, 96), (4, 48, 4)
-_SHARPEST_PX = 0.05  # a blur below it counts as none; it keeps the response differentiable
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,97 +134,17 @@ def pose_bound(information: ArrayLike) -> PoseBound:
     return PoseBound(normal, math.sqrt(cov[2, 2] + cov[3, 3] + cov[4, 4]), np.asarray(cov, dtype=np.float64))
 
 
-def shape_information_of_pixels(
-    ellipse: ArrayLike,
-    inside_dn: float,
-    outside_dn: float,
-    blur_px: float,
-    noise_dn: float | tuple[float, float],
-    reach_px: float = 8.0,
-) -> Array:
-    """Fisher information of pixels about the shape of an ellipse, with unknown grey levels and blur.
-
-    A pixel is inside + (outside - inside) T(z) with Gaussian noise, T and z as in `scenes.edge_spread_function`. Pixels
-    are dense and at all phases: their sum is the integral over the band. One pair of grey levels and one blur (the
-    variance b^2 in T, to which the pixel adds its square) are unknown and eliminated by a Schur complement. If they
-    were known, the bound would be 1.2 to 1.5 times smaller.
-
-    Parameters
-    ----------
-    ellipse : (5,) array_like
-        x_px, y_px, a_px, b_px, angle_deg.
-    inside_dn, outside_dn : float
-    blur_px : float
-        Gaussian sigma, without the pixel.
-    noise_dn : float or (float, float)
-        Standard deviation of a pixel, or of a pixel inside and one outside.
-    reach_px : float
-        Distance from the contour up to which pixels count, beyond five sigma of the blur: they determine the grey
-        levels. Above 6 px it changes the result by less than a tenth.
-
-    Returns
-    -------
-    (5, 5) array
-        Parameters x, y, S11, S12, S22 (px), where the contour is {(x, y) + S u, |u| = 1} with S symmetric.
+def shape_of_pose(camera_from_marker: ArrayLike, radius_m: float, K: ArrayLike) -> Array:
+    """Shape (5,) of the image of a circle: x, y, S11, S12, S22 (px), the contour being {(x, y) + S u, |u| = 1}.
 
     Raises
     ------
     ValueError
-        If there is no contrast, or if noise, blur or axes are not positive numbers.
+        If the image is no ellipse.
     """
-    _, _, a, b, angle = (float(v) for v in np.asarray(ellipse, dtype=np.float64))
-    noise = np.broadcast_to(np.asarray(noise_dn, dtype=np.float64), (2,))
-    height = outside_dn - inside_dn
-    if not (math.isfinite(height) and height != 0):
-        raise ValueError("inside_dn and outside_dn must differ: without contrast there is no edge")
-    if not (np.all(noise > 0) and b > 0 and blur_px >= 0 and reach_px > 0):
-        raise ValueError("noise_dn, reach_px and the semi-axes must be positive, blur_px not negative")
-    variance = max(blur_px, _SHARPEST_PX) ** 2
-    spread = math.sqrt(variance + PIXEL_VARIANCE)
-    # If no normals cross within the edge's reach, the integrand is smooth everywhere.
-    angles = _ANGLES[b * b / a < 6.0 * spread]
-    t = (np.arange(angles) + 0.5) * (2 * np.pi / angles)
-    curvature, curvature_ss = ellipse_curvature(a, b, np.cos(t), np.sin(t))
-    speed = np.hypot(a * np.sin(t), b * np.cos(t))
-    # Normals cross beyond the centre of curvature: pixels there are counted from another part of the contour.
-    far = reach_px + 5.0 * spread
-    near = np.maximum(-far, -1.0 / curvature)
-    ends = [near, np.maximum(near, -6.0 * spread), np.full_like(near, 6.0 * spread), np.full_like(near, far)]
-    distance, step = (np.concatenate(parts, axis=1) for parts in zip(*map(_nodes, ends, ends[1:], _NODES), strict=True))
-    count = distance.shape[1]
-    area = (speed * (2 * np.pi / angles))[:, None] * step * (1.0 + curvature[:, None] * distance)
-    local_normal = np.stack([b * np.cos(t), a * np.sin(t)], axis=-1) / speed[:, None]
-    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    turn = np.array([[c, s], [-s, c]])
-    normal, u = local_normal @ turn, np.stack([np.cos(t), np.sin(t)], axis=-1) @ turn
-    rows = np.column_stack(
-        [normal, normal[:, 0] * u[:, 0], normal[:, 0] * u[:, 1] + normal[:, 1] * u[:, 0], normal[:, 1] * u[:, 1]]
-    )
-    whole = np.broadcast_to(curvature[:, None], distance.shape).ravel()
-    whole_ss = np.broadcast_to(curvature_ss[:, None], distance.shape).ravel()
-    nx, ny = np.repeat(np.abs(normal), count, axis=0).T
-    z, drift = curved_distance(distance.ravel(), whole, whole_ss, variance + PIXEL_VARIANCE)
-    response, slope, bend = step_response(z, (nx + ny) / 2, (nx - ny) / 2, variance)
-    design = np.empty((len(z), 8))
-    design[:, :5] = np.repeat(rows, count, axis=0) * (-height * slope)[:, None]
-    design[:, 5] = height * (bend / 2 + slope * drift)
-    design[:, 6], design[:, 7] = 1.0 - response, response
-    weight = area.ravel() / (noise[0] ** 2 * (1.0 - response) + noise[1] ** 2 * response)
-    full = design.T @ (design * weight[:, None])
-    return np.asarray(full[:5, :5] - full[:5, 5:] @ np.linalg.solve(full[5:, 5:], full[5:, :5]), dtype=np.float64)
-
-
-@lru_cache
-def _legendre(count: int) -> tuple[Array, Array]:
-    x, w = np.polynomial.legendre.leggauss(count)
-    return x, w
-
-
-def _nodes(low: Array, high: Array, count: int) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights (n, count) of each of n intervals."""
-    x, w = _legendre(count)
-    half = (high - low)[:, None] / 2
-    return low[:, None] + half * (1.0 + x), half * w
+    x, y, a, b, angle = ellipse_of_conic(conic_of_circle(camera_from_marker, radius_m, K))
+    along, across = (a - b) / 2 * np.array([math.cos(math.radians(2 * angle)), math.sin(math.radians(2 * angle))])
+    return np.array([x, y, (a + b) / 2 + along, across, (a + b) / 2 - along])
 
 
 def pose_information_of_shape(
@@ -272,11 +180,7 @@ def pose_information_of_shape(
                 moved[:3, 2] = math.cos(size) * m[:3, 2] + sign * math.sin(size) * np.cross(axis, m[:3, 2])
             else:
                 moved[i - 2, 3] += sign * size
-            x, y, a, b, angle = ellipse_of_conic(conic_of_circle(moved, radius_m, K))
-            along, across = (
-                (a - b) / 2 * np.array([math.cos(math.radians(2 * angle)), math.sin(math.radians(2 * angle))])
-            )
-            ends.append(np.array([x, y, (a + b) / 2 + along, across, (a + b) / 2 - along]))
+            ends.append(shape_of_pose(moved, radius_m, K))
         columns.append((ends[0] - ends[1]) / (2 * size))
     jacobian = np.stack(columns, axis=-1)
     return np.asarray(jacobian.T @ np.asarray(information, dtype=np.float64) @ jacobian, dtype=np.float64)

@@ -17,7 +17,7 @@ from roundel.scenes.camera.motion import image_of
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, other_candidate, vanishing_line
 from roundel.scenes.geometry.pose import tilt_azimuth_deg
 from roundel.scenes.markers.marker import Part
-from roundel.scenes.truth.visibility import visibility
+from roundel.scenes.truth.visibility import contour_visible, visibility
 from roundel.scenes.world.frame import Frame
 from roundel.scenes.world.placement import part_outline
 
@@ -80,7 +80,7 @@ _NO_CIRCLE: dict[str, Any] = {
 def truth_of(frame: Frame) -> list[dict[str, Any]]:
     """One row for each part of the frame's sheets, keyed as in truth.parquet.
 
-    `edge_contrast_dn` and `edge_noise_dn` are None until the frame is developed.
+    Contrast, noise and electrons at the edge are None until the frame is developed.
     """
     return [_row(view, part) for view in frame.views() for part in view.sheet.parts]
 
@@ -118,11 +118,15 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         "contour_y_px": contour[:, 1].tolist(),
         "visible_fraction": visible_fraction,
         "hidden_by": hidden_by,
+        "contour_visible": contour_visible(frame, part, contour, sheet_outline).tolist(),
         "surface": "flat" if curve is None else curve.kind,
         "curvature_radius_m": None if curve is None else curve.radius_m,
         "edge_contrast_dn": None,
         "edge_noise_dn": None,
+        "edge_inside_e": None,
+        "edge_outside_e": None,
         "edge_blur_px": edge_blur_px(frame, part),
+        "edge_softness_m": frame.sheet.edge_softness_m,
         **_matrix("open_camera_from_marker", frame.camera_from_part(part, -frame.motion.exposure_s / 2)),
         **_matrix("close_camera_from_marker", frame.camera_from_part(part, frame.motion.exposure_s / 2)),
     }

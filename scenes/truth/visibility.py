@@ -60,6 +60,25 @@ def visibility(frame: Frame, part: Part, contour: Array) -> tuple[float, str]:
     return float(seen.mean()), ",".join(names)
 
 
+def contour_visible(frame: Frame, part: Part, contour: Array, outline_m: Array) -> Mask:
+    """Which points (n,) of a part's outline are in the image and not hidden.
+
+    Parameters
+    ----------
+    frame : Frame
+    part : Part
+    contour : (n, 2) array
+        The outline in the image, px.
+    outline_m : (n, 3) array
+        The same points in the sheet's frame.
+    """
+    pose = pose_at(frame.motion, frame.camera_from_sheet, np.array(frame.part_time_s(part)))
+    seen = inside_image(frame.camera, contour)
+    for plates in _screens(frame).values():
+        seen &= ~hidden(plates, pose, outline_m)
+    return seen
+
+
 def _points(frame: Frame, part: Part) -> Array:
     steps = (np.arange(64) + 0.5) / 64
     u, v = np.meshgrid(steps, steps)

@@ -2,7 +2,12 @@
 
 bop: BOP's MSSD and MSPD of a disc: the largest surface and projection distance at the best in-plane rotation
 cramer_rao: Cramer-Rao bounds of each frame's errors, computed from the truth
+edge_conditions: What the truth says of each marker's edge: levels, noise, and what else limits the information of its
+    pixels
 ground_truth: Reference poses: the true circles, or the same circles as placed by the chessboard beside them
+jpeg_noise: Noise that JPEG compression adds at an edge, from the quantisation table of the file
+level_noise: Noise of a pixel by its level, from the data sheet in `cameras.json`, referred to the electrons that it
+    collects
 metric: The metrics: column, title, unit, scale, definition and bound of each, in one place
 pose_errors: Errors of a pose and of an ellipse
 sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels

@@ -1,7 +1,8 @@
 """Cramer-Rao bounds of each frame's errors, computed from the truth.
 
 Images: the information of all pixels near the edge, each with the noise of its level; the two grey levels and the blur
-are unknown (`scenes.information`). Points: the information of a contour with the given number of points and noise.
+are unknown (`scenes.geometry.pixel_information`), and so are the width of soft ink and the motion during a readout,
+where there are any (`edge_conditions`). Points: the information of a contour with the given number of points and noise.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from roundel.scenes.geometry.information import (
     contour_information,
     pose_bound,
     pose_information_of_shape,
-    shape_information_of_pixels,
 )
+from roundel.scenes.geometry.pixel_information import shape_information_of_pixels
+from roundel.validate.metrics.edge_conditions import Edge, edges_of
 from roundel.validate.metrics.ground_truth import Targets, columns_of
 
 Array = NDArray[np.float64]
@@ -57,7 +59,7 @@ class Bounds:
 def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
     """Bounds of every target, for a known true camera."""
     n = len(targets)
-    points, edges = _points(dataset, targets), _edges(dataset, targets)
+    points, edges, simple = _points(dataset, targets), edges_of(dataset, targets), _simple_edges(dataset, targets)
     normal, position, centre = (np.full(n, np.nan) for _ in range(3))
     information = np.full((n, 5, 5), np.nan)
     for i in np.flatnonzero(targets.placed).tolist():
@@ -67,11 +69,8 @@ def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
                 information[i] = contour_information(pose, radius, k, points[i, 0], points[i, 1])
                 # sqrt(2 / N) sigma for each coordinate (errata, section 6); for an ellipse this is within 10 %.
                 centre[i] = 2.0 * points[i, 0] / math.sqrt(points[i, 1])
-            elif np.isfinite(edges[i]).all() and edges[i, 4] > 0:
-                contrast, blur, dark, light, visible = edges[i].tolist()
-                shape = visible * shape_information_of_pixels(
-                    targets.ellipse[i], 0.0, contrast, blur, (dark, light), reach_px=_REACH_PX
-                )
+            elif np.isfinite(simple[i]).all() and simple[i, 4] > 0:
+                shape = _shape_information(targets.ellipse[i], edges[i], simple[i])
                 information[i] = pose_information_of_shape(shape, pose, radius, k)
                 centre[i] = math.sqrt(np.trace(np.linalg.inv(shape)[:2, :2]))
         except (ValueError, np.linalg.LinAlgError):  # edge-on, no contrast, no noise: no bound
@@ -82,7 +81,17 @@ def bounds_of(dataset: Dataset, targets: Targets) -> Bounds:
     return Bounds(normal, position, np.where(np.isfinite(normal), centre, np.nan), information)
 
 
-def _edges(dataset: Dataset, targets: Targets) -> Array:
+def _shape_information(ellipse: Array, edge: Edge | None, simple: Array) -> Array:
+    """Information of a marker's pixels about the shape of its ellipse; `simple` is a row of `_simple_edges`."""
+    contrast, blur, dark, light, visible = simple.tolist()
+    if edge is None:  # older truth says how much is hidden, and not where
+        whole = shape_information_of_pixels(ellipse, 0.0, contrast, blur, (dark, light), reach_px=_REACH_PX)
+        return np.asarray(visible * whole)
+    levels = edge.inside, edge.outside, edge.blur_px, edge.noise
+    return shape_information_of_pixels(ellipse, *levels, reach_px=_REACH_PX, conditions=edge.conditions)
+
+
+def _simple_edges(dataset: Dataset, targets: Targets) -> Array:
     """Contrast, blur without the pixel, noise of the dark and of the light side, visible fraction: (N, 5)."""
     names = ["edge_contrast_dn", "edge_noise_dn", "edge_blur_px", "visible_fraction"]
     contrast, noise, blur, visible = columns_of(targets.truth, names).T

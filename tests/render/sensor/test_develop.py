@@ -165,8 +165,12 @@ def test_edge_photometry_reads_both_sides_of_the_edge() -> None:
     assert found["edge_contrast_dn"] == pytest.approx(0.7 * 255, rel=1e-5)
     rms = np.sqrt((noise_dn(0.1, 1e4, sheet) ** 2 + noise_dn(0.8, 1e4, sheet) ** 2) / 2)
     assert found["edge_noise_dn"] == pytest.approx(float(rms), rel=1e-5)
+    # The radiance is float32: 6e-8 of each.
+    assert (found["edge_inside_e"], found["edge_outside_e"]) == pytest.approx((1000.0, 8000.0), rel=1e-6)
+    bright = edge_photometry(radiance, coverage, 20_000.0, sheet)  # twice what the well holds is not clipped
+    assert (bright["edge_inside_e"], bright["edge_outside_e"]) == pytest.approx((2000.0, 16_000.0), rel=1e-6)
     nothing = edge_photometry(radiance, coverage * 0, 10_000.0, sheet)
-    assert nothing == {"edge_contrast_dn": None, "edge_noise_dn": None}
+    assert nothing == dict.fromkeys(found)
 
 
 def test_edge_photometry_is_in_the_numbers_of_the_file() -> None:

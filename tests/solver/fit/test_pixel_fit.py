@@ -10,7 +10,7 @@ from scipy.special import ndtr
 from roundel.scenes.camera.model import Camera, distort_px
 from roundel.scenes.geometry.conic import ellipse_points
 from roundel.scenes.geometry.edge_spread_function import curved_distance, ellipse_curvature, step_response
-from roundel.scenes.geometry.information import shape_information_of_pixels
+from roundel.scenes.geometry.pixel_information import shape_information_of_pixels
 from roundel.solver.fit.edges import EdgePoints, edge_points
 from roundel.solver.fit.ellipse import FailedFit, direct_ellipse, shape_of_ellipse
 from roundel.solver.fit.pixel_fit import PixelFit, fit_pixels
