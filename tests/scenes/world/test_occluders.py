@@ -67,7 +67,15 @@ def test_hidden_points_are_those_within_the_image_of_the_outline(tilt, azimuth, 
 def test_a_half_covered_disc_is_half_visible(tmp_path: Path) -> None:
     # The camera's centre, the occluder's right side at x = 0, and the disc's centre are in line.
     frame = occluded(tmp_path, "{x_m: -0.1, z_m: 0.1, width_m: 0.2, height_m: 0.4}", *FRONTAL)
-    assert truth_of(frame)[0]["visible_fraction"] == pytest.approx(0.5, abs=1e-9)
+    row = truth_of(frame)[0]
+    assert row["visible_fraction"] == pytest.approx(0.5, abs=1e-9)
+    # The two points of the outline in line with the occluder's side may count as either.
+    left = np.array(row["contour_x_px"]) < row["centre_image_x_px"] - 1e-6
+    right = np.array(row["contour_x_px"]) > row["centre_image_x_px"] + 1e-6
+    seen = np.array(row["contour_visible"])
+    assert not seen[left].any()
+    assert seen[right].all()
+    assert left.sum() == right.sum() == 127
 
 
 def test_an_occluder_that_covers_all_leaves_nothing_and_one_beside_it_everything(tmp_path: Path) -> None:
