@@ -9,6 +9,7 @@ jpeg_noise: Noise that JPEG compression adds at an edge, from the quantisation t
 level_noise: Noise of a pixel by its level, from the data sheet in `cameras.json`, referred to the electrons that it
     collects
 metric: The metrics: column, title, unit, scale, definition and bound of each, in one place
+mosaic_noise: What interpolation between the pixels of a Bayer mosaic leaves at an edge, as noise of the grey image
 pose_errors: Errors of a pose and of an ellipse
 sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels
 """

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.validate.metrics.jpeg_noise import jpeg_variance_dn2
+from roundel.validate.metrics.mosaic_noise import mosaic_variance
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,8 @@ _DARKEST = 1e-4
 
 def full_scale_e(sensor: dict[str, Any]) -> float:
     """Electrons at which the converter's range ends."""
-    return (2.0 ** sensor["adc_bits"] - 1 - float(sensor["black_level_dn"])) / float(sensor["gain_dn_per_e"])
+    top_dn = 2.0 ** int(sensor["adc_bits"]) - 1.0
+    return (top_dn - float(sensor["black_level_dn"])) / float(sensor["gain_dn_per_e"])
 
 
 def saturation_e(sensor: dict[str, Any]) -> float:
@@ -65,6 +67,8 @@ def level_variance(
     table : (8, 8) array or None
         Quantisation steps of a JPEG file.
     """
+    colour = sensor["mosaic"] != "none" and sensor.get("deliver") == "colour"
+    pattern = (levels_e[1] - levels_e[0]) ** 2 * mosaic_variance(round(blur_px, 2)) if colour else 0.0
     curved = sensor["curve"] != "linear" or sensor["adc_bits"] != sensor["bits"]
     if not curved and table is None:
         return lambda electrons: converter_variance_e2(sensor, np.maximum(electrons, 0.0))
@@ -83,5 +87,7 @@ def level_variance(
         before = np.sqrt(converter_variance_e2(sensor, sides) * slope(sides) ** 2).tolist()
         rounding += jpeg_variance_dn2(table, (low, high), (before[0], before[1]), blur_px)
     return lambda electrons: (
-        converter_variance_e2(sensor, np.maximum(electrons, 0.0)) + rounding / slope(np.asarray(electrons)) ** 2
+        converter_variance_e2(sensor, np.maximum(electrons, 0.0))
+        + pattern
+        + rounding / slope(np.asarray(electrons)) ** 2
     )

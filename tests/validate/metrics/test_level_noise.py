@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from scipy.special import ndtr
 
 from roundel.render.sensor.data_sheet import data_sheet
+from roundel.render.sensor.demosaic import demosaic
 from roundel.render.sensor.photometry import expected_dn, noise_dn
 from roundel.scenes.study.sensor_section import SensorSection
 from roundel.validate.metrics.jpeg_noise import jpeg_variance_dn2, luma_table
 from roundel.validate.metrics.level_noise import encoded_dn, level_variance, saturation_e
+from roundel.validate.metrics.mosaic_noise import mosaic_variance
 
 ELECTRONS = np.array([500.0, 2000.0, 5000.0, 8000.0])
 
@@ -42,7 +45,8 @@ def test_it_is_the_noise_of_the_renderer(keys) -> None:
     slope = (expected_dn(radiance + tiny, 10_000.0, sheet) - expected_dn(radiance - tiny, 10_000.0, sheet)) / (
         2e4 * tiny
     )
-    sigma = np.sqrt(level_variance(record, (500.0, 8000.0), 0.5, None)(ELECTRONS)) * slope
+    # An edge without contrast has no pattern of the mosaic.
+    sigma = np.sqrt(level_variance(record, (500.0, 500.0), 0.5, None)(ELECTRONS)) * slope
     # The renderer takes a curve at 64 quantiles of the noise; here it is straight within the noise.
     np.testing.assert_allclose(sigma, noise_dn(radiance, 10_000.0, sheet), rtol=0.02 if sheet.developed else 1e-6)
     assert saturation_e(record) * record["gain_dn_per_e"] + record["black_level_dn"] == pytest.approx(
@@ -78,3 +82,16 @@ def test_it_is_the_error_of_compressed_files(tmp_path, quality, noise) -> None:
 def test_a_png_has_no_table(tmp_path) -> None:
     Image.new("L", (8, 8)).save(tmp_path / "plain.png")
     assert luma_table(tmp_path / "plain.png") is None
+
+
+@pytest.mark.parametrize("blur_px", [0.4, 1.0])
+def test_the_pattern_of_a_mosaic_is_that_of_the_renderer(blur_px) -> None:
+    y, x = np.mgrid[:200, :200]
+    distance = np.hypot(x - 99.6, y - 100.3) - 70.0
+    clean = ndtr(distance / blur_px)
+    # The mean over the four phases of the cell, at the same pixels of the scene.
+    phases = [demosaic(clean, name).mean(axis=2) for name in ("rggb", "grbg", "gbrg", "bggr")]
+    pattern = phases[0] - np.mean(phases, axis=0)
+    near = np.abs(distance) < 3.0
+    # An edge of 440 px samples places and directions as finely as the patches do.
+    assert np.mean(pattern[near] ** 2) == pytest.approx(mosaic_variance(blur_px), rel=0.1)
