@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from roundel.solver.methods.locate import locate
     from roundel.solver.methods.solve import solve_dataset
     from roundel.solver.pose.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse
+    from roundel.solver.tracking.tracker import TrackedMarker, Tracker
     from roundel.validate.metrics.pose_errors import normal_error_deg
     from roundel.validate.validate import validate_dataset
 
@@ -42,6 +43,8 @@ __all__ = [
     "RoundelError",
     "Study",
     "StudyError",
+    "TrackedMarker",
+    "Tracker",
     "UsageError",
     "__version__",
     "conic_of_circle",
@@ -71,6 +74,8 @@ _MODULES = {
     "RoundelError": "scenes.errors",
     "Study": "scenes.study.study",
     "StudyError": "scenes.errors",
+    "TrackedMarker": "solver.tracking.tracker",
+    "Tracker": "solver.tracking.tracker",
     "UsageError": "scenes.errors",
     "conic_of_circle": "scenes.geometry.conic",
     "conic_of_ellipse": "scenes.geometry.conic",

@@ -71,10 +71,10 @@ def locate(
         wanted = LINEAR.because("no encoded image has levels below 0 or beyond 65,535")
     if wanted is not None and not wanted.known:
         wanted = None  # `unknown` of an earlier estimate
-    diameter_m = _diameter(diameter_m)
+    diameter_m = checked_diameter(diameter_m)
     check_knowledge(knowledge)
     methods = load_methods([method])
-    label, uncertain = _camera(camera, grey.shape[1], grey.shape[0])
+    label, uncertain = camera_of_image(camera, grey.shape[1], grey.shape[0])
 
     def view(camera: Camera) -> View:
         return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn, curve=wanted or UNKNOWN)
@@ -92,8 +92,10 @@ def locate(
     return [e for e in solve_image(given, methods, knowledge).estimates if e.reason not in nothing]
 
 
-def _camera(camera: Camera | UncertainCamera | None, width_px: int, height_px: int) -> tuple[str, UncertainCamera]:
-    """The label of the intrinsics, and the camera with its standard deviations."""
+def camera_of_image(
+    camera: Camera | UncertainCamera | None, width_px: int, height_px: int
+) -> tuple[str, UncertainCamera]:
+    """The label of the intrinsics and the camera with its standard deviations; ValueError if it is for another size."""
     if camera is None:
         return "default", uncertain_camera_for(parse_intrinsics("default"), None, width_px, height_px)
     uncertain = camera if isinstance(camera, UncertainCamera) else UncertainCamera(camera)
@@ -101,7 +103,8 @@ def _camera(camera: Camera | UncertainCamera | None, width_px: int, height_px: i
     return ("true" if uncertain.camera is camera else "assumed"), uncertain
 
 
-def _diameter(diameter_m: float) -> float:
+def checked_diameter(diameter_m: float) -> float:
+    """The diameter as a float; a ValueError if it is no positive number of metres."""
     try:
         value = float(diameter_m)
     except (TypeError, ValueError, OverflowError):
