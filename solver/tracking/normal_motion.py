@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 # Standard deviations of each component of the angular velocity, rad/s: at rest, by hand, spinning.
 SPEEDS = np.array([0.02, 0.2, 1.5])
 _MEMORY_S = 1.0  # over which the angular velocity changes
-# Share of a frame's log likelihood that counts. Bodies turn more regularly than the process, so that its frames tell less
-# than it claims: with 1, a marker that swings through the line of sight was settled wrongly in a quarter of the frames.
+# Share of a frame's log likelihood that counts. Bodies turn more regularly than the process, so that its frames tell
+# less than it claims: with 1, the false candidate is chosen more often than its probability says.
 _COUNTS = 0.3
 _OUTLIER = 0.01  # fraction of frames whose normal is anywhere; it bounds what a single frame can decide
 _LOG_VISIBLE = -math.log(2.0 * math.pi)  # uniform density over the normals that face the camera, per steradian
