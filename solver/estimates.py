@@ -59,6 +59,7 @@ SCHEMA = pa.schema(
         pa.field("focal_sigma", pa.float64()),
         pa.field("intrinsics_basis", pa.string()),
         pa.field("choice_basis", pa.string()),
+        pa.field("track_id", pa.int64()),
         *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
         pa.field("status", pa.string(), nullable=False),
         pa.field("reason", pa.string(), nullable=False),
@@ -123,6 +124,8 @@ class Estimate:
         The basis of the camera and of the probabilities, as text.
     cov : (2, 6, 6) array or None
         Covariance of (centre x, y, z in m, normal x, y, z) of each candidate; rank 5.
+    track_id : int or None
+        Identity of the marker from frame to frame; only for estimates from a video.
     """
 
     frame_id: int
@@ -153,6 +156,7 @@ class Estimate:
     fit_used: str = ""
     curve: str = ""
     caveats: tuple[str, ...] = ()
+    track_id: int | None = None
 
     def __bool__(self) -> bool:
         return self.status == "ok"
@@ -185,6 +189,7 @@ class Estimate:
             "focal_sigma": self.focal_sigma,
             "intrinsics_basis": self.intrinsics_basis,
             "choice_basis": self.choice_basis,
+            "track_id": self.track_id,
             "status": self.status,
             "reason": self.reason,
         }
