@@ -104,14 +104,14 @@ def _add_rendering(add: AddVerb) -> None:
 
 
 def _add_solving(add: AddVerb) -> None:
-    solve = add("solve", "estimate the pose of every circle in a dataset, or in photographs")
-    solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
+    solve = add("solve", "estimate the pose of every circle in a dataset, in photographs, or in a video")
+    solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, image files, or a video")
     solve.add_argument("out", metavar="OUT", help=_OUT)
     solve.add_argument(
         "--diameter-m",
         type=positive,
         metavar="D",
-        help="outer diameter of the printed circles; required for photographs",
+        help="outer diameter of the printed circles; required for photographs and videos",
     )
     solve.add_argument(
         "--method",
@@ -132,7 +132,7 @@ def _add_solving(add: AddVerb) -> None:
     solve.add_argument(
         "--curve",
         metavar="CURVE",
-        help="response curve of the photographs: linear, srgb, gamma:2.2, or estimate, from the edges of the circles "
+        help="response curve of photographs and videos: linear, srgb, gamma:2.2, or estimate, from the edges of the circles "
         "(default: what the file says, else sRGB)",
     )
     solve.add_argument(

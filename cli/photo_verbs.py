@@ -1,4 +1,4 @@
-"""Verbs for photographs and for printed markers."""
+"""Verbs for photographs, videos and printed markers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import Any
 from roundel.cli.progress import progress
 from roundel.scenes.errors import UsageError
 
+VIDEO_SUFFIXES = (
+    ".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mjpeg", ".ts", ".3gp",
+)  # fmt: skip
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
 
 
@@ -32,6 +35,52 @@ def are_photographs(inputs: list[str]) -> bool:
             )
     # A name that does not exist is taken as a file if it has a suffix.
     return not folders and (len(inputs) > 1 or Path(inputs[0]).is_file() or bool(Path(inputs[0]).suffix))
+
+
+def is_video(inputs: list[str]) -> bool:
+    """Whether the input of `solve` is a video.
+
+    Raises
+    ------
+    UsageError
+        If it is one of several inputs.
+    """
+    videos = [text for text in inputs if Path(text).suffix.lower() in VIDEO_SUFFIXES and not Path(text).is_dir()]
+    if videos and len(inputs) > 1:
+        raise UsageError(f"{videos[0]}: is a video; give a single one")
+    return bool(videos)
+
+
+def solve_film(arguments: argparse.Namespace, knowledge: Any) -> int:
+    """Track the markers of a video; returns 4 if it ended early."""
+    from roundel.solver.photos.video import OVERLAY, solve_video
+
+    out, labels = Path(arguments.out), arguments.intrinsics or ["default"]
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; the last argument is the folder to write to")
+    if arguments.diameter_m is None:
+        raise UsageError("a video needs --diameter-m, the outer diameter of the printed circle, for example 0.08")
+    if arguments.group or arguments.frames:
+        raise UsageError(f"--{'group' if arguments.group else 'frames'}: a video is solved as a whole; leave it out")
+    if arguments.jobs > 1:
+        raise UsageError("--jobs: the frames of a video are solved one after another; leave it out")
+    if len(labels) > 1 or (arguments.method or ["pixels"]) != ["pixels"]:
+        raise UsageError("a video is solved by the method pixels with one kind of intrinsics; leave the others out")
+    with progress("solve") as show:
+        result = solve_video(
+            arguments.inputs[0],
+            out,
+            arguments.diameter_m,
+            intrinsics=labels[0],
+            knowledge=knowledge,
+            linear=arguments.linear,
+            progress=show,
+        )
+    if result.problem:
+        print(f"roundel: {arguments.inputs[0]}: {result.problem}", file=sys.stderr)
+    counts = f"{_some(result.frames, 'frame')}, {_some(result.markers, 'marker')}, measured {result.measured} times"
+    print(f"{out}: {counts}, of which {result.settled} with a chosen pose; see {OVERLAY}")
+    return 4 if result.problem else 0
 
 
 def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:

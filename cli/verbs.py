@@ -149,9 +149,11 @@ def _print_fidelity(manifest: dict[str, Any]) -> None:
 
 
 def do_solve(arguments: argparse.Namespace) -> int:
-    """Estimate poses from a dataset's images, or from photographs."""
-    from roundel.cli.photo_verbs import are_photographs, solve_photos
+    """Estimate poses from a dataset's images, from photographs, or from a video."""
+    from roundel.cli.photo_verbs import are_photographs, is_video, solve_film, solve_photos
 
+    if is_video(arguments.inputs):
+        return solve_film(arguments, _knowledge(arguments.knowledge))
     if are_photographs(arguments.inputs):
         return solve_photos(arguments, _knowledge(arguments.knowledge))
     if arguments.diameter_m is not None or arguments.curve is not None:

@@ -38,11 +38,16 @@ _LABELLED = 12  # further circles in an image only have their number
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """One detection to draw: its estimate, the circle's diameter, and the first line of its label."""
+    """One detection to draw: its estimate, the circle's diameter, and the first and the last lines of its label.
+
+    Without a name, several detections are numbered.
+    """
 
     estimate: Estimate
     diameter_m: float
     label: str
+    name: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass
@@ -203,7 +208,7 @@ def _lettered(canvas: _Canvas, drawn: Sequence[Drawn], footer: str) -> NDArray[n
     canvas.taken += [box for box in boxes if box is not None]
     for number, (one, box) in enumerate(zip(drawn, boxes, strict=True)):
         if box is not None:
-            name = f"#{number}" if len(drawn) > 1 else ""
+            name = one.name or (f"#{number}" if len(drawn) > 1 else "")
             _panel(canvas, image, font, box, _label(one, name) if number < _LABELLED else [(name, _WHITE)])
     lines_of_footer = _wrapped(draw, font, footer, image.width - 2 * size)
     strip = round(1.35 * size * len(lines_of_footer) + size)
@@ -234,7 +239,7 @@ def _label(one: Drawn, name: str) -> list[tuple[str, Colour]]:
         percent = "" if estimate.probability is None else f"  {100 * estimate.probability[candidate]:.0f} %"
         chosen = ", chosen" if estimate.chosen == candidate and len(estimate.normal) > 1 else ""
         lines.append((f"tilt {tilt:.1f}°{percent}{chosen}", CANDIDATES[candidate]))
-    return lines
+    return lines + [(note, _WHITE) for note in one.notes]
 
 
 def _bounds(points: Array) -> Box:

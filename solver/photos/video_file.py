@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from roundel.scenes.errors import DataError
 
-SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mjpeg", ".ts", ".3gp")
-
 _HEAD = 1 << 16
 _JPEG_CODECS = ("mjpg", "MJPG", "jpeg")
 # Frames that a file may announce and not have: the announced number is often computed from a rounded duration.
@@ -85,7 +83,8 @@ def open_video(path: str | Path) -> Video:
     Raises
     ------
     DataError
-        If it cannot be read, has no frames, more than 8 bits, or a codec that this OpenCV lacks; one line with its name.
+        If it cannot be read, has no frames, more than 8 bits, or a codec that this OpenCV lacks; one line with its
+        name.
     """
     path = Path(path)
     try:
@@ -102,8 +101,8 @@ def open_video(path: str | Path) -> Video:
     deep = _is_deep(pixels)
     if deep:
         raise DataError(
-            f"{path}: this video has {deep}, which OpenCV's decoder cuts to 8 bits; convert it to 8 bits, or its frames to "
-            "16-bit PNG files"
+            f"{path}: this video has {deep}, which OpenCV's decoder cuts to 8 bits; convert it to 8 bits, or its "
+            "frames to 16-bit PNG files"
         )
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     count = float(capture.get(cv2.CAP_PROP_FRAME_COUNT))

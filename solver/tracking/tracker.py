@@ -178,6 +178,7 @@ class Tracker:
             [_is_dark(d) for d in detections],
         )
         known = {j: tracks[i] for i, j in pairs.items()}
+        measured = 0
         for j, detection in enumerate(detections):
             track = known.get(j)
             if track is None and detection.confidence < _CONFIDENT:
@@ -187,7 +188,9 @@ class Tracker:
                 track = _Track(self._next, _is_dark(detection), motion, self._time_s)
                 self._next += 1
                 tracks.append(track)
-            self._measure(track, seen, detection, uncertain, label)
+            key = EstimateKey(self._frame, measured, DEFAULT_METHOD, label)
+            self._measure(track, seen, detection, uncertain, key)
+            measured += 1
         self._tracks = [t for t in tracks if self._lives(t)]
         return [self._told(track) for track in self._tracks]
 
@@ -225,10 +228,9 @@ class Tracker:
         return followed < len(self._tracks) and self._time_s - self._searched_s >= _SEARCH_S
 
     def _measure(
-        self, track: _Track, seen: Detections, detection: Detection, uncertain: UncertainCamera, label: str
+        self, track: _Track, seen: Detections, detection: Detection, uncertain: UncertainCamera, key: EstimateKey
     ) -> None:
         fit = fit_detection(seen, detection, uncertain.camera, DEFAULT_METHOD)
-        key = EstimateKey(self._frame, track.identity, DEFAULT_METHOD, label)
         estimate = estimate_of(fit, uncertain, self._diameter_m, self._knowledge, key, detection, seen.grey)
         shape_cov = fit.shape_cov if isinstance(fit, EllipseFit) and np.all(np.isfinite(fit.shape_cov)) else None
         if track.frames:
@@ -239,7 +241,8 @@ class Tracker:
             after_s = self._time_s - track.seen_s
             track.normals.update(estimate.normal, estimate.cov[:, 3:, 3:], after_s, odds)
             estimate = _chosen(estimate, track.normals.probability, self._knowledge is not None)
-        track.seen_s, track.frames, track.estimate = self._time_s, track.frames + 1, estimate
+        track.seen_s, track.frames = self._time_s, track.frames + 1
+        track.estimate = replace(estimate, track_id=track.identity)
 
     def _lives(self, track: _Track) -> bool:
         if track.motion.ellipse is None:
