@@ -8,7 +8,7 @@ probabilities stay where they are.
 A hypothesis is a sequence of candidates, with a Kalman filter of its normal and its angular velocity. The velocity is
 an Ornstein-Uhlenbeck process around zero; how fast markers turn is not known, so that each hypothesis is followed for
 several spreads of it, and their likelihoods decide. Where both candidates meet (the marker seen along its normal) all
-continuations are followed, and the smooth ones win.
+continuations are followed, and the smooth ones win. A normal that no prediction explains changes no filter.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _MEMORY_S = 1.0  # over which the angular velocity changes
 _COUNTS = 0.3
 _OUTLIER = 0.01  # fraction of frames whose normal is anywhere; it bounds what a single frame can decide
 _LOG_VISIBLE = -math.log(2.0 * math.pi)  # uniform density over the normals that face the camera, per steradian
-_FAR = 25.0  # squared distance, in sigmas, from which a filter starts anew
+_FAR = 25.0  # squared distance, in sigmas, from which a normal is an outlier for a filter
 _MIN_SIGMA = math.radians(0.05)  # of a measured normal: errors of neighbouring frames are not independent
 _KEPT = 4  # hypotheses for each candidate and speed
-_FORGOTTEN = 30.0  # log likelihood below that of the best, from which a hypothesis is dropped
+_BOUND = 12.0  # log odds are bounded, so that a wrong choice can be corrected within a second or so
 _SAME = (1e-3, 0.02)  # differences of normal and angular velocity of two hypotheses that are one
 
 
@@ -90,14 +90,21 @@ class NormalMotion:
             return
         before = _predicted(self._all, after_s)
         share = min(1.0, after_s / _MEMORY_S)
-        both = []
+        continued, far = zip(*(_measured(before, normal[c], cov[c], c) for c in (0, 1)), strict=True)
+        parts = []
         for candidate, sign in ((0, 0.5), (1, -0.5)):
-            after = _measured(before, normal[candidate], cov[candidate], candidate)
-            both.append((after, (1.0 - share) * before.cue + share * sign * log_odds))
-        joined = _Hypotheses(
-            *(np.concatenate([getattr(one, name) for one, _ in both]) for name in _Hypotheses.__dataclass_fields__)
-        )
-        joined.cue[:] = np.concatenate([cue for _, cue in both])
+            own, other = far[candidate], far[1 - candidate]
+            # Where both are outliers, the nearer one is that of the hypothesis.
+            kept = np.flatnonzero((own <= _FAR) | ((other > _FAR) & (own <= other)))
+            part = continued[candidate].take(kept)
+            part.cue[:] = (1.0 - share) * part.cue + share * sign * log_odds
+            if len(kept) == 0:  # every hypothesis is the other candidate
+                part = _begun(normal, cov, log_odds)
+                part = part.take(np.flatnonzero(part.last == candidate))
+                part.log[:] = -_BOUND + max(float(np.max(one.log)) for one in continued)
+            parts.append(part)
+        names = _Hypotheses.__dataclass_fields__
+        joined = _Hypotheses(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
         self._all = _pruned(joined)
 
 
@@ -133,8 +140,8 @@ def _predicted(h: _Hypotheses, dt: float) -> _Hypotheses:
     return _Hypotheses(h.log, h.cue, h.last, h.speed, _rotated(h.normal, step), keep * h.turn, f @ h.cov @ f.T + noise)
 
 
-def _measured(h: _Hypotheses, normal: Array, cov: Array, candidate: int) -> _Hypotheses:
-    """Each hypothesis continued by one candidate."""
+def _measured(h: _Hypotheses, normal: Array, cov: Array, candidate: int) -> tuple[_Hypotheses, Array]:
+    """Each hypothesis continued by one candidate, and its squared distance (K,) from the prediction."""
     # Tangent basis at the measured normal: the residual is the rotation that takes the predicted normal to it.
     u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     u /= np.linalg.norm(u)
@@ -155,16 +162,16 @@ def _measured(h: _Hypotheses, normal: Array, cov: Array, candidate: int) -> _Hyp
     turn, after = h.turn + change[:, 3:], h.cov - gain @ np.swapaxes(ph, -1, -2)
     after = 0.5 * (after + np.swapaxes(after, -1, -2))  # otherwise rounding grows fourfold in each frame
     lost = far > _FAR
-    if np.any(lost):
-        fresh = _begun(np.stack([normal, normal]), np.stack([cov, cov]), 0.0)
-        again = h.speed[lost]
-        moved[lost], turn[lost], after[lost] = fresh.normal[again], 0.0, fresh.cov[again]
-    return _Hypotheses(h.log + log, h.cue, np.full_like(h.last, candidate), h.speed, moved, turn, after)
+    moved[lost], turn[lost], after[lost] = h.normal[lost], h.turn[lost], h.cov[lost]
+    return _Hypotheses(h.log + log, h.cue, np.full_like(h.last, candidate), h.speed, moved, turn, after), far
 
 
 def _pruned(h: _Hypotheses) -> _Hypotheses:
     """The most likely ones of each candidate and speed; equal ones are one."""
     log = h.log - h.log.max()
+    for candidate in (0, 1):
+        members = h.last == candidate
+        log[members] += max(0.0, -_BOUND - float(log[members].max()))
     kept: list[int] = []
     for candidate in (0, 1):
         for speed in range(len(SPEEDS)):
@@ -182,7 +189,7 @@ def _pruned(h: _Hypotheses) -> _Hypotheses:
                 )
                 if same is not None:
                     log[same] = np.logaddexp(log[same], log[i])
-                elif len(own) < _KEPT and log[i] > -_FORGOTTEN:
+                elif len(own) < _KEPT:
                     own.append(int(i))
             kept += own
     index = np.array(kept)

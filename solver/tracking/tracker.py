@@ -89,8 +89,8 @@ class Tracker:
     - Birth: a contour with a confidence of at least 0.5 that belongs to no track.
     - Measured: where it is predicted; a marker that is not found there, among the circles of the whole image.
     - Death: after `memory_s` out of sight; before it was measured three times, after one frame.
-    - The whole image is searched every `search_every` frames, while a track is not confirmed, and ten times a second
-      while a marker is out of sight.
+    - The whole image is searched every `search_every` frames, in every frame while there is no track or one that is not
+      confirmed, and ten times a second while a marker is out of sight.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class Tracker:
     def _should_search(self, followed: int) -> bool:
         if self._frame - self._searched >= self._search_every:
             return True
-        if any(t.frames < _CONFIRMED for t in self._tracks):
+        if not self._tracks or any(t.frames < _CONFIRMED for t in self._tracks):
             return True
         return followed < len(self._tracks) and self._time_s - self._searched_s >= _SEARCH_S
 
