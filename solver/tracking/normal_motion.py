@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 # Standard deviations of each component of the angular velocity, rad/s: at rest, by hand, spinning.
 SPEEDS = np.array([0.02, 0.2, 1.5])
-_MEMORY_S = 1.0  # over which the angular velocity changes
+_MEMORY_S = 2.0  # over which the angular velocity changes
 # Share of a frame's log likelihood that counts. Bodies turn more regularly than the process, so that its frames tell
 # less than it claims: with 1, the false candidate is chosen more often than its probability says.
 _COUNTS = 0.3
