@@ -142,19 +142,37 @@ def _is_deep(pixels: str) -> str:
 
 def _why_closed(path: Path, head: bytes) -> str:
     if head[4:8] == b"ftyp":
-        data = path.read_bytes()
-        if b"moov" not in data:
+        index = _index_of_mp4(path)
+        if index is None:
             return "cut short: the index at the end of this video (moov) is missing, and no frame can be decoded"
-        at = data.find(b"stsd")
-        if at < 0:
-            return "this video has no frames"
-        return _lacks(data[at + 16 : at + 20])
+        at = index.find(b"stsd")
+        return _lacks(index[at + 16 : at + 20]) if at >= 0 else "this video has no frames"
     if head[:4] == b"RIFF" and head[8:12] == b"AVI ":
         at = head.find(b"vids")
         return _lacks(head[at + 4 : at + 8]) if at >= 0 else "this file has no video stream"
     if head[:4] == b"\x1a\x45\xdf\xa3":
         return "OpenCV cannot open this video: it is damaged, or of a codec that this OpenCV lacks; convert it to H.264"
     return "this is not a video, or of a kind that OpenCV cannot open"
+
+
+def _index_of_mp4(path: Path) -> bytes | None:
+    """The box `moov` of an MP4 file; None if it is not there as a whole."""
+    length = path.stat().st_size
+    with path.open("rb") as file:
+        at = 0
+        while at + 16 <= length:
+            file.seek(at)
+            header = file.read(16)
+            size = int.from_bytes(header[:4])
+            if size == 1:  # the size has 64 bits
+                size = int.from_bytes(header[8:16])
+            if size < 8 or at + size > length:
+                return None
+            if header[4:8] == b"moov":
+                file.seek(at)
+                return file.read(size)
+            at += size
+    return None
 
 
 def _lacks(code: bytes) -> str:

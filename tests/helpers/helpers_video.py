@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -15,6 +16,9 @@ from roundel.scenes.geometry.conic import Ellipse, conic_of_circle, ellipse_of_c
 from roundel.scenes.geometry.pose import camera_from_marker_of
 
 Array = NDArray[np.float64]
+
+# FFmpeg reads it once, and the writers of these tests come before the first reader, which sets it for users.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 WIDTH, HEIGHT = 320, 240
 DIAMETER_M = 0.08
