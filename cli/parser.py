@@ -132,8 +132,8 @@ def _add_solving(add: AddVerb) -> None:
     solve.add_argument(
         "--curve",
         metavar="CURVE",
-        help="response curve of photographs and videos: linear, srgb, gamma:2.2, or estimate, from the edges of the circles "
-        "(default: what the file says, else sRGB)",
+        help="response curve of photographs and videos: linear, srgb, gamma:2.2, or estimate, from the edges of the "
+        "circles (default: what the file says, else sRGB)",
     )
     solve.add_argument(
         "--linear", dest="curve", action="store_const", const="linear", help="the same as --curve linear"

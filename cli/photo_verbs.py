@@ -73,7 +73,7 @@ def solve_film(arguments: argparse.Namespace, knowledge: Any) -> int:
             arguments.diameter_m,
             intrinsics=labels[0],
             knowledge=knowledge,
-            linear=arguments.linear,
+            curve=arguments.curve or "srgb",
             progress=show,
         )
     if result.problem:

@@ -1,6 +1,9 @@
 """Pixels to ellipses: edges, fits, and the model of the pixels themselves.
 
 band_pixels: Distances of pixels to an ellipse, with derivatives, under lens distortion
+contour_sectors: Sectors of a contour where the model does not hold, and errors that neighbouring sectors share
+edge_fit: The ellipse of edge points along a contour: sectors off it are left out, and shared errors widen its
+    covariance
 edges: Sub-pixel edge points on the contour of an ellipse, from the raw pixels around it
 ellipse: Ellipses from points: a direct fit as the starting value, the orthogonal-distance fit as the estimate
 ellipse_distance: Orthogonal projection of points on an ellipse, exact and vectorised

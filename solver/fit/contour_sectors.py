@@ -1,8 +1,8 @@
 """Sectors of a contour where the model does not hold, and errors that neighbouring sectors share.
 
-An occluder, the edge of a shadow, a highlight or touching print moves the edge in a run of neighbouring sectors; they are
-found by their offsets from the ellipse and by the residuals of their pixels, and left out. What is left may still err
-together along the contour. The ellipse takes up the first harmonics of the direction (0 to 2), so that its own errors do
+An occluder, the edge of a shadow, a highlight or touching print moves the edge in a run of neighbouring sectors; they
+are found by their offsets from the ellipse and by the residuals of their pixels, and left out. What is left may still
+err together along the contour. The ellipse takes up the first harmonics of the direction (0 to 2), so its own errors do
 not show; those of the next harmonics do, and such errors change slowly with the order.
 """
 

@@ -64,7 +64,7 @@ _FAILURES = {
     DIVERGED: "the ellipse diverges from its edge points",
     UNSETTLED: "the fit to the pixels does not converge",
 }
-_UNEVEN_LIGHT = 0.3  # standard deviation of the level functions, in contrasts: weak, for what clipped pixels hide
+_UNEVEN_LIGHT = 0.3  # standard deviation of the level functions, in contrasts: for what clipped pixels hide
 _INK = 1.0  # standard deviation of the variance of the ink's soft edge, in variances of the blur
 _EXTRA = (SMEAR, SMEAR + 1, INK)
 _BASE = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradient

@@ -8,8 +8,7 @@ curve_likelihood: Chi-square of an edge's pixels if light has passed a given res
     `curve_evidence`
 disc_blur: Edge response of a defocus disc minus that of a Gaussian blur, from a table for one variance
 edge_response: Response of a square pixel to a blurred edge, one pixel at a time
-model_choice: Which further parameters and level functions the pixels of a contour show: Schwarz's criterion, to
-    first order
+model_choice: Which further parameters and level functions the pixels of a contour show, to first order
 normal_distribution: Cumulative distribution and density of the normal distribution, from a table: ten times faster
     than the C library
 pixel_equations: The normal equations of a fit to the pixels of a contour, in one pass over them

@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 # edge at the semi-major axis; response curve (0 linear, 1 sRGB); rates of the shape, px/s.
 VARIANCE, DISC, GRADIENT, SMEAR, INK, CURVE, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 13, 18
 
-# Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight, and 1 if the
-# pixel is clipped (its residual and weight are then those of its likelihood's tangent).
+# Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight, and 1 if
+# the pixel is clipped (its residual and weight are then those of its likelihood's tangent).
 RESIDUAL, SLOPE, SHARE, WEIGHT, CLIPPED, RECORD = 0, 1, 2, 3, 4, 5
 
 DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not visible

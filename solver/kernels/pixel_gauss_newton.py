@@ -40,7 +40,7 @@ _CLOSE_PX, _CLOSE = 0.02, 1.0  # within such a step the residuals are those of t
 _RELINEARISE_PX = 0.04  # distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho
 _TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 _NEARLY_FLAT = 0.1  # fraction of the step
-# Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur and the ramp of soft ink are beyond.
+# Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur and soft ink's ramp are beyond.
 _DISC_SIGMA, _DISC_LOWEST, _DISC_HIGHEST = 1.0, -1.0, 1.7
 # A tilted plane is more defocused on one side: the radius changes linearly across it, usually by a few per cent. The
 # radius at the edge, not at the pixel, decides on which side of the edge a ray meets the print.

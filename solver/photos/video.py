@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.layout.files import check_no_dataset, write_failure
-from roundel.scenes.camera.srgb import srgb_to_linear
+from roundel.scenes.camera.response_curve import parse_curve
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate
@@ -57,7 +57,7 @@ def solve_video(
     diameter_m: float,
     intrinsics: str = "default",
     knowledge: Knowledge = None,
-    linear: bool = False,
+    curve: str = "srgb",
     progress: Progress | None = None,
 ) -> VideoResult:
     """Track the circles of a video, see `Tracker`.
@@ -75,8 +75,8 @@ def solve_video(
         See `parse_intrinsics`; for all frames.
     knowledge : str, Evidence, a sequence of them, or None
         See `Tracker`.
-    linear : bool
-        Whether pixel values are proportional to light instead of sRGB-encoded.
+    curve : str
+        Response curve of the video: see `parse_curve`; it is not estimated.
     progress : callable, optional
         Called with (frames done, frames announced).
 
@@ -102,7 +102,7 @@ def solve_video(
     video = open_video(path)
     camera = uncertain_camera_for(spec, None, video.width_px, video.height_px)
     tracker, footer = Tracker(diameter_m, camera, knowledge), _footer(camera, diameter_m)
-    light = _light(linear)
+    light = _light(curve)
     parts: list[Path] = []
     estimates, tally, done = [], Tally(), 0
     identities: set[int] = set()
@@ -138,10 +138,12 @@ def solve_video(
     return VideoResult(done, len(identities), measured, settled, video.problem)
 
 
-def _light(linear: bool) -> NDArray[np.float32]:
+def _light(curve: str) -> NDArray[np.float32]:
     """Light of each level, 0 to 255."""
-    levels = np.arange(256) / 255.0
-    return np.asarray(255.0 * (levels if linear else srgb_to_linear(levels)), dtype=np.float32)
+    response = parse_curve(curve)
+    if response is None:
+        raise UsageError("--curve estimate: the curve of a video is not estimated; give linear, srgb or gamma:2.2")
+    return np.asarray(255.0 * response.light(np.arange(256) / 255.0), dtype=np.float32)
 
 
 def _rows(markers: Sequence[TrackedMarker], frame_id: int, label: str, camera: UncertainCamera) -> list[Estimate]:

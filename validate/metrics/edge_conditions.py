@@ -2,9 +2,9 @@
 
 Levels are mean electrons without clipping, and the noise is that of the delivered file, referred to them. A colour
 image counts as its mosaic, each pixel one sample through its own filter at the mean level of the three, and what
-interpolation leaves at the edge counts as noise (`mosaic_noise`). Rows of a rolling shutter are those of the undistorted
-image. Not included: an image signal processor, light that varies along the edge, and the shape of a soft edge beyond
-its variance.
+interpolation leaves at the edge counts as noise (`mosaic_noise`). Rows of a rolling shutter are those of the
+undistorted image. Not included: an image signal processor, light that varies along the edge, and the shape of a soft
+edge beyond its variance.
 """
 
 from __future__ import annotations
