@@ -50,6 +50,7 @@ from roundel.solver.kernels.pixel_gauss_newton import (
 
 Array = NDArray[np.float64]
 
+_WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 # The local levels of `edges` follow shadows and highlights that smooth functions cannot. At this ratio of both
 # residuals (1 to 1.2 in smooth light) its edge points are more accurate.
@@ -151,15 +152,17 @@ def _fit_of(
 
 def _settled(fit: _Fit) -> FitState | FailedFit:
     """The converged fit, with what its model needs."""
-    # A first look at the residuals decides what the model needs: errors of blur and shape resemble level functions.
-    state = _fitted(fit, _first_state(fit), rough=True)
+    # The contour is known to a small part of its blur: the residuals at the start already tell what the model needs,
+    # but for the shape of a wide blur.
+    state = _fitted(fit, _chosen(fit, _first_state(fit)))
     if isinstance(state, FailedFit):
-        return state
-    chosen = _chosen(fit, state)
-    again = _fitted(fit, chosen)
-    if isinstance(again, FailedFit) and len(chosen.used) > len(_BASE):
-        again = _fitted(fit, replace(chosen, used=_BASE))
-    return again
+        return _fitted(fit, replace(_first_state(fit), used=_BASE))
+    if len(state.used) == len(_BASE) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
+        chosen = _chosen(fit, state)
+        if len(chosen.used) > len(_BASE):
+            again = _fitted(fit, chosen)
+            state = state if isinstance(again, FailedFit) else again
+    return state
 
 
 def _first_state(fit: _Fit) -> FitState:
@@ -169,7 +172,7 @@ def _first_state(fit: _Fit) -> FitState:
     noise = np.maximum(np.full(2, fit.edges.noise_dn**2), fit.floor)
     levels = np.zeros((2, min(SIZES[1], scene.basis.shape[1])))
     levels[:, 0] = _constants(fit)
-    none = np.empty((0, 0))
+    none = np.empty((0, RECORD))
     return FitState(scene.ellipse, scene.table, scene.jacobian, parameters, levels, _BASE, none, noise, none)
 
 
@@ -236,7 +239,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
     return normal, gradient + normal @ at
 
 
-def _fitted(fit: _Fit, state: FitState, rough: bool = False) -> FitState | FailedFit:
+def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     """Gauss-Newton from a state."""
     scene, levels = fit.scene, state.levels
     sums = sums_of(scene, levels)
@@ -248,7 +251,6 @@ def _fitted(fit: _Fit, state: FitState, rough: bool = False) -> FitState | Faile
         status, parameters, levels, inverse = gauss_newton(
             table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, rows, state.used, parameters,
             levels, *sums, fit.floor, fit.priors, np.zeros((5, 5)), noise, record, progress,
-            rough,
         )  # fmt: skip
         if status == CONVERGED:
             return FitState(ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record)

@@ -267,14 +267,12 @@ def gauss_newton(
     noise: Array,
     record: Array,
     progress: Array,
-    rough: bool,
 ) -> tuple[int, Array, Array, Array]:
     """Iterate from a state; the arguments are those of `pixel_equations` and `noise_variances`.
 
     `progress` is (steps done, whether the noise was measured, robust scale): it carries over to the next call if the
     ellipse has moved so far that the distances have to be computed again.
 
-    With `rough` the iteration ends as soon as the residuals are those of the noise.
 
     Returns
     -------
@@ -339,8 +337,6 @@ def gauss_newton(
         if close and progress[1] == 0.0:
             noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
             progress[1] = 1.0
-            if rough:
-                return CONVERGED, parameters, levels, inverse
         elif progress[1] > 0.0 and (largest < _SETTLED_PX or decrement < _SETTLED):
             if ended:
                 inverse_of(normal, inverse)

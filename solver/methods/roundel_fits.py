@@ -17,7 +17,7 @@ from roundel.scenes.camera.model import Camera, distorts, undistort_px
 from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.scenes.geometry.conic import ellipse_points
 from roundel.solver.detect.detect import Detection, detect
-from roundel.solver.fit.edge_fit import fit_edges
+from roundel.solver.fit.edge_fit import EdgeFit, fit_edges
 from roundel.solver.fit.edges import EdgePoints, edge_points
 from roundel.solver.fit.ellipse import (
     EllipseFit,
@@ -72,7 +72,7 @@ class Detections:
 
 
 @dataclass(frozen=True, eq=False)
-class FallbackFit(EllipseFit):
+class FallbackFit(EdgeFit):
     """An ellipse fitted to edge points because the fit to the pixels failed, for the given reason."""
 
     reason: str
