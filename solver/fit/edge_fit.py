@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from roundel.solver.fit.contour_sectors import deviating_sectors, direction_of, shared_excess
-from roundel.solver.fit.ellipse import EllipseFit, FailedFit, fit_ellipse
+from roundel.solver.fit.ellipse import EllipseFit, FailedFit, finished_fit, fit_ellipse, shape_of_ellipse
 from roundel.solver.fit.ellipse_distance import foot_points
+from roundel.solver.fit.row_motion import RowMotion, widened
 from roundel.solver.kernels.trace_contour import shape_row
 
 Array = NDArray[np.float64]
@@ -30,7 +31,9 @@ class EdgeFit(EllipseFit):
     rejected_fraction: float
 
 
-def fit_edges(points_px: Array, sigma_px: Array) -> EdgeFit | FailedFit:
+def fit_edges(
+    points_px: Array, sigma_px: Array, motion: RowMotion | None = None, image_px: Array | None = None
+) -> EdgeFit | FailedFit:
     """Orthogonal-distance fit to the points of a contour.
 
     Parameters
@@ -39,6 +42,10 @@ def fit_edges(points_px: Array, sigma_px: Array) -> EdgeFit | FailedFit:
         In the order of the contour.
     sigma_px : (N,) array
         Standard deviations along the normal.
+    motion : RowMotion, optional
+        Of a rolling shutter; it widens the covariance.
+    image_px : (N, 2) array, optional
+        The points in the image, if lens distortion was removed from `points_px`.
 
     Returns
     -------
@@ -65,5 +72,9 @@ def fit_edges(points_px: Array, sigma_px: Array) -> EdgeFit | FailedFit:
     scale = float(np.sqrt(np.mean((distance / sigma_px[keep]) ** 2)))
     direction = direction_of(fit.ellipse, points_px[keep])
     excess = shared_excess(distance, scale * sigma_px[keep], direction, shape) if scale > 0 else 1.0
-    wider = replace(fit, cov=fit.cov * excess, shape_cov=fit.shape_cov * excess)
-    return EdgeFit(**vars(wider), rejected_fraction=1.0 - float(np.mean(keep)))
+    shape_cov = fit.shape_cov * excess
+    if motion is not None:
+        at = (points_px if image_px is None else image_px)[keep]
+        shape_cov = widened(shape_cov, shape, sigma_px[keep], motion.time_s(at, at.mean(axis=0)), motion)
+    done = finished_fit(shape_of_ellipse(fit.ellipse), fit.residual_px, fit.sigma_px**2, shape_cov)
+    return EdgeFit(**vars(done), rejected_fraction=1.0 - float(np.mean(keep)))

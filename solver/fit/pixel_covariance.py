@@ -12,7 +12,9 @@ from roundel.scenes.geometry.conic import ellipse_perimeter_px
 from roundel.solver.fit.contour_sectors import shared_excess
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit, shape_of_ellipse
 from roundel.solver.fit.pixel_scene import PixelScene
-from roundel.solver.kernels.pixel_equations import CLIPPED, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
+from roundel.solver.fit.row_motion import RowMotion, widened
+from roundel.solver.kernels.contour_pixels import X, Y
+from roundel.solver.kernels.pixel_equations import CLIPPED, RATES, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,8 @@ class FitState:
         Variance of a pixel inside and outside, dn^2.
     record : (N, 5) array
         Of the edge's pixels, see `pixel_equations`.
+    rows : (9,) array
+        Their times, see `pixel_equations`.
     """
 
     ellipse: Array
@@ -51,6 +55,7 @@ class FitState:
     inverse: Array
     noise: Array
     record: Array
+    rows: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,12 @@ class PixelFit(EllipseFit):
         Share of clipped pixels along the contour.
     rejected_fraction : float
         Share of the contour that shows an edge, but not the ellipse's (an occluder, a shadow's edge), and was left out.
+    rates : (5,) array
+        Rates of (x, y, S11, S12, S22), px/s, if a rolling shutter was fitted; else zero.
+    rates_cov : (10, 10) array
+        Covariance of (x, y, S11, S12, S22) and their rates.
+    row_zero_px : float
+        The row, or column, for whose time the ellipse stands.
     """
 
     blur_px: float
@@ -86,6 +97,9 @@ class PixelFit(EllipseFit):
     pixels: int
     clipped_fraction: float
     rejected_fraction: float
+    rates: Array
+    rates_cov: Array
+    row_zero_px: float
 
 
 def _under_noise() -> tuple[float, float]:
@@ -149,6 +163,24 @@ def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     )
 
 
+def _with_rates(state: FitState, shape_cov: Array, scale: float) -> Array:
+    """Covariance (10, 10) of the shape and its rates; zero for rates that were not fitted."""
+    out = np.zeros((10, 10))
+    if np.any(state.used >= RATES):
+        at = np.array([*range(5), *np.flatnonzero(state.used >= RATES)])
+        out[:] = state.inverse[np.ix_(at, at)] * scale
+    out[:5, :5] = shape_cov
+    return out
+
+
+def _sector_means(state: FitState, scene: PixelScene) -> Array:
+    """Mean position (S, 2) of the edge's pixels in each sector, image px."""
+    count = len(scene.starts) - 1
+    sector, number = np.repeat(np.arange(count), np.diff(scene.starts)), np.maximum(np.diff(scene.starts), 1)
+    places = [np.bincount(sector, state.table[:, i], minlength=count) for i in (X, Y)]
+    return np.stack(places, axis=1) / number[:, None]
+
+
 def _by_pixel(state: FitState) -> tuple[Array, Array]:
     """Information of each pixel on the position of the edge, and its pull on it; none of clipped pixels."""
     residual, slope_dn, share, weight = (state.record[:, i] for i in (RESIDUAL, SLOPE, SHARE, WEIGHT))
@@ -157,8 +189,10 @@ def _by_pixel(state: FitState) -> tuple[Array, Array]:
     return np.where(measured, slope_dn**2 / variance, 0.0), np.where(measured, weight * slope_dn * residual, 0.0)
 
 
-def finished(state: FitState, scene: PixelScene, rejected_fraction: float) -> PixelFit | FailedFit:
-    """The result of a converged fit."""
+def finished(
+    state: FitState, scene: PixelScene, rejected_fraction: float, motion: RowMotion | None = None
+) -> PixelFit | FailedFit:
+    """The result of a converged fit; a motion that was not fitted widens its covariance."""
     theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
     ellipse = ellipse_of_shape(theta)
     power, spread = _under_noise()
@@ -183,6 +217,10 @@ def finished(state: FitState, scene: PixelScene, rejected_fraction: float) -> Pi
             raised = max(raised, excess)
     raised = max(raised, shared_excess(offset, sigma, direction, sectors.shape[used]))
     shape_cov = state.inverse[:5, :5] * (raised * spread)
+    if motion is not None and not motion.fitted:
+        places = _sector_means(state, scene)[used]
+        time_s = motion.time_s(places, ellipse[:2] if scene.lens is None else places.mean(axis=0))
+        shape_cov = widened(shape_cov, sectors.shape[used], sigma, time_s, motion)
     if not np.all(np.diag(shape_cov) > 0):
         return FailedFit("the pixels do not determine an ellipse")
     contour_px = float(np.sum(used)) / count * float(ellipse_perimeter_px(ellipse))
@@ -202,4 +240,7 @@ def finished(state: FitState, scene: PixelScene, rejected_fraction: float) -> Pi
         pixels=int(np.count_nonzero(state.record[:, WEIGHT])),
         clipped_fraction=scene.clipped_fraction,
         rejected_fraction=rejected_fraction,
+        rates=state.parameters[RATES:].copy(),
+        rates_cov=_with_rates(state, shape_cov, raised * spread),
+        row_zero_px=float(state.rows[1]),
     )

@@ -33,10 +33,12 @@ from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, shape_of_ellipse
 from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, sectors_of
 from roundel.solver.fit.pixel_scene import SIZES, PixelScene, scene_of, sums_of
+from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.kernels.contour_pixels import DISTANCE, VALUE
+from roundel.solver.kernels.contour_scene import place_moving
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.model_choice import model_choice
-from roundel.solver.kernels.pixel_equations import INK, PARAMETERS, RECORD, SMEAR, VARIANCE, pixel_equations
+from roundel.solver.kernels.pixel_equations import INK, PARAMETERS, RATES, RECORD, SMEAR, VARIANCE, pixel_equations
 from roundel.solver.kernels.pixel_gauss_newton import (
     CONVERGED,
     DIVERGED,
@@ -69,6 +71,7 @@ _UNEVEN_LIGHT = 0.3  # standard deviation of the level functions, in contrasts: 
 _INK = 1.0  # standard deviation of the variance of the ink's soft edge, in variances of the blur
 _EXTRA = (SMEAR, SMEAR + 1, INK)
 _BASE = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradient
+_WITH_RATES = np.array([*_BASE, *range(RATES, PARAMETERS)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +80,11 @@ class _Fit:
 
     scene: PixelScene
     edges: EdgePoints
-    full_scale_dn: float
+    rows: Array
     floor: Array
     priors: Array
+    base: NDArray[np.int64]
+    rates_information: Array
 
 
 def fit_pixels(
@@ -88,6 +93,7 @@ def fit_pixels(
     camera: Camera | None = None,
     full_scale_dn: float = 255.0,
     noise_floor: Callable[[float], float] | None = None,
+    motion: RowMotion | None = None,
 ) -> PixelFit | FailedFit:
     """Fit an ellipse, blur and grey levels to the pixels along a contour.
 
@@ -103,6 +109,8 @@ def fit_pixels(
         The level at which pixels saturate.
     noise_floor : callable, optional
         Least variance of a pixel at a grey level, dn^2: what rounding alone causes.
+    motion : RowMotion, optional
+        Of a rolling shutter.
 
     Returns
     -------
@@ -115,7 +123,7 @@ def fit_pixels(
         scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
         if isinstance(scene, FailedFit):
             return scene
-        fit = _fit_of(scene, edges, full_scale_dn, noise_floor)
+        fit = _fit_of(scene, edges, full_scale_dn, noise_floor, motion)
         state = _settled(fit)
         if isinstance(state, FailedFit):
             return state
@@ -128,7 +136,7 @@ def fit_pixels(
             break
         trusted = trusted & ~bad
     rejected = 1.0 - np.count_nonzero(trusted) / max(np.count_nonzero(edges.trusted), 1)
-    return finished(state, scene, float(rejected * np.mean(edges.trusted)))
+    return finished(state, scene, float(rejected * np.mean(edges.trusted)), motion)
 
 
 def _is_uneven(state: FitState, fit: _Fit) -> bool:
@@ -139,11 +147,19 @@ def _is_uneven(state: FitState, fit: _Fit) -> bool:
 
 
 def _fit_of(
-    scene: PixelScene, edges: EdgePoints, full_scale_dn: float, noise_floor: Callable[[float], float] | None
+    scene: PixelScene,
+    edges: EdgePoints,
+    full_scale_dn: float,
+    noise_floor: Callable[[float], float] | None,
+    motion: RowMotion | None,
 ) -> _Fit:
     contrast_dn, blur2 = abs(edges.contrast_dn), max(edges.blur_px, 0.3) ** 2
     priors = np.array([0.0, 1.0, _INK * blur2, _UNEVEN_LIGHT * contrast_dn])
-    fit = _Fit(scene, edges, full_scale_dn, np.full(2, _FLOOR_DN2), priors)
+    rows, base, rates = np.array([0.0, 0.0, full_scale_dn, *[0.0] * 6]), _BASE, np.zeros((5, 5))
+    if motion is not None and motion.fitted:
+        rows[:2] = motion.row_s, edges.ellipse[0 if motion.along_x else 1]
+        rows[3], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
+    fit = _Fit(scene, edges, rows, np.full(2, _FLOOR_DN2), priors, base, rates)
     if noise_floor is not None:
         least = [max(noise_floor(level), _FLOOR_DN2) for level in _constants(fit)]
         fit = replace(fit, floor=np.array(least))
@@ -156,10 +172,10 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
     # but for the shape of a wide blur.
     state = _fitted(fit, _chosen(fit, _first_state(fit)))
     if isinstance(state, FailedFit):
-        return _fitted(fit, replace(_first_state(fit), used=_BASE))
-    if len(state.used) == len(_BASE) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
+        return _fitted(fit, replace(_first_state(fit), used=fit.base))
+    if len(state.used) == len(fit.base) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
         chosen = _chosen(fit, state)
-        if len(chosen.used) > len(_BASE):
+        if len(chosen.used) > len(fit.base):
             again = _fitted(fit, chosen)
             state = state if isinstance(again, FailedFit) else again
     return state
@@ -173,7 +189,9 @@ def _first_state(fit: _Fit) -> FitState:
     levels = np.zeros((2, min(SIZES[1], scene.basis.shape[1])))
     levels[:, 0] = _constants(fit)
     none = np.empty((0, RECORD))
-    return FitState(scene.ellipse, scene.table, scene.jacobian, parameters, levels, _BASE, none, noise, none)
+    return FitState(
+        scene.ellipse, scene.table, scene.jacobian, parameters, levels, fit.base, none, noise, none, fit.rows
+    )
 
 
 def _constants(fit: _Fit) -> tuple[float, float]:
@@ -223,7 +241,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
     normal, gradient, record = np.empty((size, size)), np.empty(size), np.empty((len(state.table), RECORD))
     pixel_equations(
         state.table, state.jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn,
-        np.array([0.0, 0.0, fit.full_scale_dn]), used, state.parameters, levels, state.noise,
+        state.rows, used, state.parameters, levels, state.noise,
         robust_scale_of(state.record), np.empty((size, len(state.table))), np.zeros((STEPS + 1, 5)), normal, gradient,
         record,
     )  # fmt: skip
@@ -233,7 +251,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
         part = slice(m + i * k, m + (i + 1) * k)
         normal[part, part] += grams[i] / state.noise[i]
         gradient[part] += (moments[i] - grams[i] @ levels[i]) / state.noise[i]
-    add_priors(used, state.parameters, levels, fit.priors, np.zeros((5, 5)), normal, gradient)
+    add_priors(used, state.parameters, levels, fit.priors, fit.rates_information, normal, gradient)
     # The levels enter linearly: back to zero from the coefficients that the state has.
     at = np.concatenate([np.zeros(m), np.where(np.arange(k) > 0, levels, 0.0).ravel()])
     return normal, gradient + normal @ at
@@ -245,15 +263,14 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     sums = sums_of(scene, levels)
     parameters, noise = state.parameters, state.noise.copy()
     ellipse, table, jacobian = state.ellipse, state.table, state.jacobian
-    record, progress = np.empty((len(table), RECORD)), np.zeros(3)
-    rows = np.array([0.0, 0.0, fit.full_scale_dn])
+    record, progress, rows = np.empty((len(table), RECORD)), np.zeros(3), state.rows
     while True:
         status, parameters, levels, inverse = gauss_newton(
-            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, rows, state.used, parameters,
-            levels, *sums, fit.floor, fit.priors, np.zeros((5, 5)), noise, record, progress,
+            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, rows, state.used,
+            parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, record, progress,
         )  # fmt: skip
         if status == CONVERGED:
-            return FitState(ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record)
+            return FitState(ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record, rows)
         if status != MOVED:
             return FailedFit(_FAILURES[status])
         theta = shape_of_ellipse(ellipse) + parameters[:5]
@@ -265,3 +282,7 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
             return placed
         jacobian, parameters = placed, parameters.copy()
         parameters[:5] = 0.0
+        if rows[0] > 0 and scene.lens is None:  # with a lens, what the rates move stays linear
+            rows = np.array([*rows[:4], *parameters[RATES:]])
+            if not place_moving(table, theta, rows[4:], rows, jacobian):
+                return FailedFit(_FAILURES[DIVERGED])

@@ -39,3 +39,8 @@ def assumed_shutter(declared: RowTime | None, camera_is_assumed: bool, width_px:
     if not camera_is_assumed:
         return None
     return _HELD_UPRIGHT if height_px > width_px else HELD_BY_HAND
+
+
+def is_assumed(row_time: RowTime) -> bool:
+    """Whether a shutter is that of an unknown phone."""
+    return row_time in (HELD_BY_HAND, _HELD_UPRIGHT)

@@ -22,6 +22,7 @@ from roundel.solver.kernels.contour_pixels import (
     NORMAL_X,
     NORMAL_Y,
     VALUE,
+    X,
     Y,
 )
 from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_table
@@ -81,8 +82,9 @@ def pixel_equations(
         Level functions at the pixels, and their change along the normal, 1/px.
     clip_dn : float
         The level at which pixels clip.
-    rows : (3,) array
-        Time per row, s; the row of time zero; full scale of the response curve, dn.
+    rows : (9,) array
+        Time per row, s; the row of time zero; full scale of the response curve, dn; 1 if rows are columns, else 0; the
+        five rates of the shape with which the distances were computed.
     used : (m,) array
         The parameters that are fitted, of 0 to 17, ascending; all of the shape come first.
     parameters : (18,) array
@@ -122,12 +124,12 @@ def pixel_equations(
         moving = moving or used[j] >= RATES
     for i in range(len(table)):
         pixel = table[i]
-        seconds = (pixel[Y] - rows[1]) * rows[0]
+        seconds = (pixel[X if rows[3] > 0.0 else Y] - rows[1]) * rows[0]
         distance = pixel[DISTANCE]
         for j in range(5):
             distance += jacobian[i, j] * parameters[j]
             if moving:
-                distance += jacobian[i, j] * parameters[RATES + j] * seconds
+                distance += jacobian[i, j] * (parameters[RATES + j] - rows[4 + j]) * seconds
         bent = pixel[CURVATURE]
         z, drift = curved_distance(distance, bent, pixel[CURVATURE_SS], total)
         nx, ny = pixel[NORMAL_X], pixel[NORMAL_Y]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.kernels.compiled import compiled
-from roundel.solver.kernels.contour_pixels import CURVATURE
+from roundel.solver.kernels.contour_pixels import CURVATURE, X, Y
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.pixel_equations import (
     CLIPPED,
@@ -216,13 +216,14 @@ def moved(parameters: Array, levels: Array, used: NDArray[np.int64], step: Array
 
 
 @compiled
-def largest_shift(jacobian: Array, step: Array) -> float:
-    """Largest change of a distance by a step of the shape, px."""
+def largest_shift(table: Array, jacobian: Array, rows: Array, step: Array, rates: Array) -> float:
+    """Largest change of a distance by a step of the shape and of its rates, px."""
     largest = 0.0
     for i in range(len(jacobian)):
+        seconds = (table[i, X if rows[3] > 0.0 else Y] - rows[1]) * rows[0]
         shift = 0.0
         for j in range(5):
-            shift += jacobian[i, j] * step[j]
+            shift += jacobian[i, j] * (step[j] + rates[j] * seconds)
         largest = max(largest, abs(shift))
     return largest
 
@@ -284,6 +285,7 @@ def gauss_newton(
     m, k = len(used), levels.shape[1]
     size = m + 2 * k
     normal, inverse, gradient, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
+    turned = np.zeros(5)
     frozen, inked = np.empty((size, size)), False
     for j in range(m):
         inked = inked or used[j] == INK
@@ -312,7 +314,11 @@ def gauss_newton(
             decrement = newton_step(frozen, gradient, inverse, step)
         if not math.isfinite(decrement):
             return UNDETERMINED, parameters, levels, inverse
-        moved_px = largest_shift(jacobian, step[:5])
+        turned[:] = 0.0
+        for j in range(m):
+            if used[j] >= RATES:
+                turned[used[j] - RATES] = step[j]
+        moved_px = largest_shift(table, jacobian, rows, step[:5], turned)
         # The blur converges last: its step is measured by the shift of the edge's flanks, and limited to a third.
         flank_px = math.sqrt(parameters[VARIANCE] + PIXEL_VARIANCE)
         wanted, wanted_levels = moved(parameters, levels, used, step, 1.0)
@@ -327,7 +333,8 @@ def gauss_newton(
             parameters, levels = wanted, wanted_levels
         else:
             parameters, levels = moved(parameters, levels, used, step, part)
-        total = largest_shift(jacobian, parameters[:5])
+        turned[:] = parameters[RATES:] - rows[4:]
+        total = largest_shift(table, jacobian, rows, parameters[:5], turned)
         if not total < _TRUST_PX:
             return DIVERGED, parameters, levels, inverse
         largest = max(moved_px, blurred_px)

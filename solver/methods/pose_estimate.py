@@ -17,7 +17,9 @@ from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.estimate_caveats import caveats_of
 from roundel.solver.methods.roundel_fits import Detections
+from roundel.solver.pose.centre_rows import MovingEllipse, poses_at_centre_rows
 from roundel.solver.pose.pose_covariance import poses_with_covariance
+from roundel.solver.pose.pose_curvature import curved_covariance
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,13 @@ def estimate_of(
     known = uncertain.camera.K, diameter_m / 2, uncertain.focal_sigma, uncertain.principal_sigma_px
     try:
         poses, cov = poses_with_covariance(fit.ellipse, fit.shape_cov, *known)
+        if isinstance(fit, PixelFit) and np.any(fit.rates) and uncertain.row_time is not None:
+            camera, row_time = uncertain.camera, uncertain.row_time
+            row_s = row_time.row_s(camera.width_px, camera.height_px)
+            moving = MovingEllipse(fit.ellipse, fit.rates, fit.rates_cov, fit.row_zero_px, row_s, row_time.along_x)
+            poses, cov = poses_at_centre_rows(poses, moving, camera, *known[1:])
+        elif cov is not None:
+            cov = curved_covariance(poses, cov, fit.ellipse, fit.shape_cov, uncertain.camera.K, diameter_m / 2)
     except ValueError as error:
         return Estimate(*key, status="failed", reason=str(error), ellipse=ellipse, camera=uncertain.camera, **about)
     shape_cov = fit.shape_cov if np.all(np.isfinite(fit.shape_cov)) else None

@@ -30,6 +30,7 @@ from roundel.solver.fit.ellipse import (
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 from roundel.solver.fit.pixel_fit import fit_pixels
+from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.photometry.curve_displacement import displaced, edge_displacement_px
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import side_levels
@@ -46,6 +47,7 @@ METHODS = {
 }
 DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
+OUTSIDE_FIELD = "the contour is outside the field of the camera's lens model"
 _SHIFT_SIGMA = 0.5  # of the displacement by JPEG, which depends on levels and blur that are only known roughly
 
 
@@ -116,14 +118,16 @@ def with_estimated_curve(
     return Detections(grey, full_scale_dn, found, photometry)
 
 
-def fit_detection(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
+def fit_detection(
+    seen: Detections, detection: Detection, camera: Camera, method: str, motion: RowMotion | None = None
+) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
     If the pixels do not determine an ellipse (too few, or most of them saturated), `pixels` falls back to the edge
     points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the
     covariance includes linear and sRGB levels.
     """
-    fit = _fit_of(seen, detection, camera, method)
+    fit = _fit_of(seen, detection, camera, method, motion)
     if isinstance(fit, FailedFit):
         return fit
     photometry, blur_px = seen.photometry, detection.edges.blur_px
@@ -136,20 +140,24 @@ def fit_detection(seen: Detections, detection: Detection, camera: Camera, method
     return displaced(fit, -shift, _SHIFT_SIGMA * abs(shift)) if shift else fit
 
 
-def _fit_of(seen: Detections, detection: Detection, camera: Camera, method: str) -> EllipseFit | FailedFit:
+def _fit_of(
+    seen: Detections, detection: Detection, camera: Camera, method: str, motion: RowMotion | None
+) -> EllipseFit | FailedFit:
     if method == "pixels":
         floor = seen.photometry.noise_floor(*side_levels(seen.grey, detection.edges), detection.edges.blur_px)
-        fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn, floor)
+        fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn, floor, motion)
         if not isinstance(fit, FailedFit):
             return fit
-        instead = _fit_of(seen, detection, camera, "ml")
+        instead = _fit_of(seen, detection, camera, "ml", motion)
         return instead if isinstance(instead, FailedFit) else FallbackFit(**vars(instead), reason=fit.reason)
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # The points of a detection are only accurate enough to decide on it, so they are computed again.
     settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
     edges = detection.edges if isinstance(settled, FailedFit) else settled
-    return fit_points(edges.points_px, edges.sigma_px, camera, method, along_contour=True)
+    if method == "ml":
+        return _fit_edges(edges, camera, motion)
+    return fit_points(edges.points_px, edges.sigma_px, camera, method)
 
 
 def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit:
@@ -164,21 +172,26 @@ def _edgedrawing(detection: Detection, camera: Camera) -> EllipseFit | FailedFit
     return ellipse if isinstance(ellipse, FailedFit) else _plain_fit(ellipse, points)
 
 
-def fit_points(
-    points_px: Array, sigma_px: Array | None, camera: Camera, method: str, along_contour: bool = False
-) -> EllipseFit | FailedFit:
+def _fit_edges(edges: EdgePoints, camera: Camera, motion: RowMotion | None) -> EdgeFit | FailedFit:
+    points = undistort_px(camera, edges.points_px)
+    seen = np.isfinite(points).all(axis=1)
+    if len(points) and not seen.any():
+        return FailedFit(OUTSIDE_FIELD)
+    return fit_edges(points[seen], edges.sigma_px[seen], motion, edges.points_px[seen])
+
+
+def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:
     """Ellipse through edge points in image pixels, in undistorted pixel coordinates.
 
-    Points in the order of a contour (`along_contour`) show where it is not the ellipse's. Points without undistorted
-    coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
+    Points without undistorted coordinates (outside the lens model's field, or beyond 90 degrees) are left out.
     """
     points = undistort_px(camera, points_px)
     seen = np.isfinite(points).all(axis=1)
     if len(points) and not seen.any():
-        return FailedFit("the contour is outside the field of the camera's lens model")
+        return FailedFit(OUTSIDE_FIELD)
     points, sigma_px = points[seen], None if sigma_px is None else sigma_px[seen]
     if method in ("ml", "pixels"):  # only points are available
-        return fit_edges(points, sigma_px) if along_contour and sigma_px is not None else fit_ellipse(points, sigma_px)
+        return fit_ellipse(points, sigma_px)
     if method == "guaranteed":
         return guaranteed_ellipse(points, sigma_px)
     if method == "direct":

@@ -21,6 +21,7 @@ from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.registry import run_plugin
 from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points, with_estimated_curve
+from roundel.solver.methods.shutter_motion import motion_of, shutter_key
 from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
@@ -120,19 +121,25 @@ def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str],
     """The fits of each method and camera, one per detection, and for each detection its data and its image's."""
     if given.grey is None:
         points = given.points_px
-        return _shared(given, methods, lambda c, m: [fit_points(p, None, c, m) for p in points]), [(None, None)] * len(
-            points
-        )
+        fits = _shared(given, methods, lambda c, m: [fit_points(p, None, c.camera, m) for p in points])
+        return fits, [(None, None)] * len(points)
     seen = detect_circles(given.grey, given.saturation_dn, given.photometry, "edgedrawing" in methods)
     if given.linearise is not None:
         seen = with_estimated_curve(seen, given.linearise)
     found = seen.detections
-    fits = _shared(given, methods, lambda c, m: [fit_detection(seen, d, c, m) for d in found])
+
+    def fit(uncertain: UncertainCamera, method: str) -> Fits:
+        motions = [motion_of(uncertain, d.edges.ellipse, given.diameter_m / 2) for d in found]
+        return [fit_detection(seen, d, uncertain.camera, method, m) for d, m in zip(found, motions, strict=True)]
+
+    fits = _shared(given, methods, fit)
     return fits, [(d, seen) for d in found]
 
 
-def _shared(given: SolverInput, methods: list[str], fit: Callable[[Camera, str], Fits]) -> dict[tuple[str, str], Fits]:
-    """Cameras with the same undistortion (no distortion, or the same K and lens model) share one fit."""
+def _shared(
+    given: SolverInput, methods: list[str], fit: Callable[[UncertainCamera, str], Fits]
+) -> dict[tuple[str, str], Fits]:
+    """Cameras with the same shutter and undistortion (no distortion, or the same K and lens model) share one fit."""
     made: dict[Any, Fits] = {}
     out = {}
     for method in methods:
@@ -140,9 +147,10 @@ def _shared(given: SolverInput, methods: list[str], fit: Callable[[Camera, str],
             camera, lens = uncertain.camera, None
             if distorts(camera):
                 lens = (tuple(camera.K.ravel().tolist()), camera.distortion_model, camera.distortion)
-            if (method, lens) not in made:
-                made[method, lens] = fit(camera, method)
-            out[method, label] = made[method, lens]
+            key = method, lens, shutter_key(uncertain)
+            if key not in made:
+                made[key] = fit(uncertain, method)
+            out[method, label] = made[key]
     return out
 
 

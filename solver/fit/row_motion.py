@@ -1,0 +1,70 @@
+"""The motion of an ellipse while the rows of the image are read, under a prior.
+
+A static circle seen from a moving camera is an ellipse at every moment, so to first order in time the contour in row
+time t is the ellipse theta + t theta', with the same five rates theta' all along. One image tells them apart from the
+shape by the rows alone, which is little: the prior says the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RowMotion:
+    """Readout of the rows, and the prior of the rates.
+
+    Attributes
+    ----------
+    row_s : float
+        Delay from one row to the next, s.
+    covariance : (5, 5) array
+        Of the rates of (x, y, S11, S12, S22), px/s, with mean zero.
+    along_x : bool
+        Whether the sensor's rows are columns of the image.
+    fitted : bool
+        Whether the rates are fitted with the ellipse; otherwise they widen its covariance.
+    """
+
+    row_s: float
+    covariance: Array
+    along_x: bool = False
+    fitted: bool = True
+
+    def information(self) -> Array:
+        """Inverse of the covariance (5, 5)."""
+        return information_of(self.covariance)
+
+    def time_s(self, points_px: Array, centre_px: Array) -> Array:
+        """Time (N,) of image points (N, 2) relative to that of the centre."""
+        axis = 0 if self.along_x else 1
+        return np.asarray((points_px[:, axis] - centre_px[axis]) * self.row_s)
+
+
+def information_of(covariance: Array) -> Array:
+    """Inverse of a covariance of rates (5, 5), finite where a rate is known to be zero."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray((vectors / np.maximum(values, 1e-9 * values[-1] + 1e-12)) @ vectors.T)
+
+
+def widened(shape_cov: Array, shape: Array, sigma: Array, time_s: Array, motion: RowMotion) -> Array:
+    """Covariance (5, 5) of a shape that was fitted as if nothing moved.
+
+    Parameters
+    ----------
+    shape_cov : (5, 5) array
+    shape : (N, 5) array
+        Derivative of the distances of points by the shape.
+    sigma, time_s : (N,) arrays
+        Their standard deviations, and their times.
+    motion : RowMotion
+    """
+    rows = shape / sigma[:, None]
+    # A rate r moves the point i by shape_i r t_i; the fit takes the part of it that is a change of the shape.
+    carried = np.linalg.lstsq(rows, rows * time_s[:, None], rcond=1e-10)[0]
+    return np.asarray(shape_cov + carried @ motion.covariance @ carried.T)
