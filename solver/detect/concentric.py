@@ -16,13 +16,15 @@ _TOLERANCE, _TOLERANCE_PX = 0.04, 0.5
 
 
 @compiled
-def outer_contours(ellipses: Array) -> NDArray[np.int64]:
+def outer_contours(ellipses: Array, blur_px: Array) -> NDArray[np.int64]:
     """For each ellipse the index of the outermost one that is concentric with it: its own, if there is none.
 
     Parameters
     ----------
     ellipses : (n, 5) array
         The largest major axis first.
+    blur_px : (n,) array
+        Gaussian sigma of each contour's blur.
 
     Returns
     -------
@@ -35,13 +37,13 @@ def outer_contours(ellipses: Array) -> NDArray[np.int64]:
             continue
         outer[i] = i
         for j in range(i + 1, n):
-            if outer[j] < 0 and concentric(ellipses[i], ellipses[j]):
+            if outer[j] < 0 and concentric(ellipses[i], ellipses[j], blur_px[j]):
                 outer[j] = i
     return outer
 
 
 @compiled
-def concentric(outer: Array, inner: Array) -> bool:
+def concentric(outer: Array, inner: Array, blur_px: float) -> bool:
     """Whether two ellipses (5,) may be concentric circles in one plane.
 
     For such circles of radii r and s, C_outer^-1 C_inner has the eigenvalues (1, 1, s^2 / r^2) up to a common factor,
@@ -83,4 +85,6 @@ def concentric(outer: Array, inner: Array) -> bool:
     if first < second:
         first, second = second, first
     # An offset of a tenth of the outer radius separates them by 1 to 2 %; an error of 0.3 px by about 0.6 px over b.
-    return bool(first / max(second, 1e-300) - 1.0 <= _TOLERANCE + _TOLERANCE_PX / inner[3])
+    # A curved edge is displaced by its blur's square over twice its radius, up to the error of that model.
+    error_px = _TOLERANCE_PX + blur_px**2 / inner[3]
+    return bool(first / max(second, 1e-300) - 1.0 <= _TOLERANCE + error_px / inner[3])

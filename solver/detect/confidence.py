@@ -33,7 +33,7 @@ _SIGNAL = 20.0
 _BLUR = 12.5
 
 _MODEL = 0.7  # of the residual over the slope: levels and blur of the model explain a part of it
-_MARKS_PX = 20.0  # marks farther from an edge than its blur displace it by the blur's square over some such distance
+_MARKS_PX = 15.0  # marks farther from an edge than its blur displace it by the blur's square over some such distance
 
 _MIN_COVERAGE = 0.35
 _MIN_POINTS = 11  # fewer lie on an ellipse by chance

@@ -99,8 +99,9 @@ def _grouped(found: list[Contour], ellipses: list[Array]) -> list[Detection]:
     if not found:
         return []
     found = sorted(found, key=lambda c: -float(c.edges.ellipse[2]))
+    ellipses_px, blur_px = np.array([c.edges.ellipse for c in found]), np.array([c.edges.blur_px for c in found])
     members: dict[int, list[Contour]] = {}
-    for contour, outer in zip(found, outer_contours(np.array([c.edges.ellipse for c in found])), strict=True):
+    for contour, outer in zip(found, outer_contours(ellipses_px, blur_px), strict=True):
         members.setdefault(int(outer), []).append(contour)
     out = []
     for outer, *inner in members.values():
