@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _SHAPE = 0.009
 _PIXELS = 0.10
 _NO_COVERAGE, _FULL_COVERAGE = 0.25, 0.95
+# Of a contour cut by the border: what is outside is no evidence against a circle, but a short arc fits many things.
+_NO_ARC, _FULL_ARC = 0.3, 0.6
 _SIGNAL = 20.0
 # A blur of sigma s reduces the n-th harmonic of a contour by exp(-n^2 s^2 / (2 r^2)); n = 5 is that of a pentagon.
 _BLUR = 12.5
@@ -66,10 +68,11 @@ def confidence_of(edges: EdgePoints, noise: float, full_scale_dn: float, visible
     hidden = math.exp(min(_BLUR * edges.blur_px**2 / ((a * a + b * b) / 2.0), 20.0))
     off = bound / math.sqrt(a * b) * hidden / _SHAPE
     misfit = math.sqrt(max(0.0, edges.noise_dn**2 - (1.3 * grain) ** 2)) / max(contrast, 1e-12) / _PIXELS
-    seen = (edges.coverage - _NO_COVERAGE) / (_FULL_COVERAGE - _NO_COVERAGE)
+    seen = (min(edges.coverage / max(visible, 1e-9), 1.0) - _NO_COVERAGE) / (_FULL_COVERAGE - _NO_COVERAGE)
+    arc = (visible - _NO_ARC) / (_FULL_ARC - _NO_ARC)
     signal = contrast / grain * math.sqrt(count) / _SIGNAL
-    parts = 1.0 / (1.0 + off**4), 1.0 / (1.0 + misfit**4), min(max(seen, 0.0), 1.0), -math.expm1(-(signal**2))
-    return math.prod(parts)
+    shape, pixels, contrast_part = 1.0 / (1.0 + off**4), 1.0 / (1.0 + misfit**4), -math.expm1(-(signal**2))
+    return shape * pixels * contrast_part * min(max(seen, 0.0), 1.0) * min(max(arc, 0.0), 1.0)
 
 
 def is_circle_image(edges: EdgePoints, noise: float, full_scale_dn: float, rough_px: float = 0.0) -> bool:

@@ -45,7 +45,7 @@ def caveats_of(
         if fit.misfit > _MISFIT:
             words.append(caveats.misfit_words(fit.misfit))
     if detection is not None and seen is not None:
-        rejected = 1.0 - detection.edges.coverage
+        rejected = max(0.0, 1.0 - detection.edges.coverage / max(detection.visible, 1e-9))
         if isinstance(fit, PixelFit):
             clipped = fit.clipped_fraction
         else:
