@@ -9,16 +9,12 @@ first, into out/bench-peers: about five minutes on two cores.
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-# One core for all; must be set before numpy and OpenCV are loaded.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import closed_forms
 import cv2

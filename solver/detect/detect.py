@@ -79,14 +79,15 @@ def detect(
     image = np.ascontiguousarray(image)
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     first = max(1, math.ceil(math.sqrt(image.size / _MAX_PX)))
-    contours = Contours(Level(pixels, 1, noise_dn(image)), full_scale_dn, polish)
+    full = Level(pixels, 1, noise_dn(image))
+    contours = Contours(full, full_scale_dn, polish)
     ellipses: list[Array] = []
     for factor in (first * reduction for reduction in _REDUCTIONS):
         if factor > 1 and min(image.shape) < _MIN_SIDE_PX * factor:
             continue
         level = image if factor == 1 else reduced(pixels, factor)
         grey, gain = grey_8bit(level, full_scale_dn)
-        noise = noise_dn(level)
+        noise = full.noise if factor == 1 else noise_dn(level)
         candidates = candidate_ellipses(edge_chains(grey, noise * gain), grey.shape)
         contours.search(Level(np.asarray(level, dtype=np.float32), factor, noise), candidates)
         if own_ellipses and factor == first:
