@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.camera.model import Camera
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
-from roundel.solver.detect.candidates import noise_dn
 from roundel.solver.detect.confidence import confidence_of, is_circle_image
 from roundel.solver.detect.detect import Detection
+from roundel.solver.detect.grey_image import noise_dn
 from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.edges import edge_points
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
