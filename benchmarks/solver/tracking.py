@@ -2,8 +2,8 @@
 
     python benchmarks/solver/tracking.py [--folder out/tracking] [--motion carried] [--frames 300] [--out FILE]
 
-Each frame is rendered by Roundel with the poses of two smooth trajectories; a sequence is kept in FOLDER and made once. The
-motions differ in what they tell about the branch:
+Each frame is rendered by Roundel with the poses of two smooth trajectories; a sequence is kept in FOLDER and made once.
+The motions differ in what they tell about the branch:
 
 - carried: markers that are moved by hand and turned a little; they cross, one in front of the other.
 - shaken camera: markers at rest, seen by a camera that moves and turns.
@@ -12,8 +12,8 @@ motions differ in what they tell about the branch:
 - still: nothing moves.
 
 "Right" and "wrong" are fractions of the markers' frames after the first second in which the tracker chose the candidate
-nearer to the truth, or the other; in the rest it chose none. Speed is that of one core, by processor time: frames a second
-of `Tracker.update` after the first frame, which loads the compiled kernels.
+nearer to the truth, or the other; in the rest it chose none. Speed is that of one core, by processor time: frames a
+second of `Tracker.update` after the first frame, which loads the compiled kernels.
 """
 
 from __future__ import annotations
@@ -153,7 +153,7 @@ def track(seen: Sequence) -> Tally:
     for i, image in enumerate(seen.images):
         began = time.process_time()
         markers = tracker.update(image, i / RATE_HZ)
-        seconds += (time.process_time() - began) if i else 0.0
+        seconds += time.process_time() - began if i else 0.0
         centres = project(seen.camera, seen.poses[i, :, :3, 3])
         for marker in markers:
             estimate = marker.estimate
@@ -186,7 +186,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     lines = [
-        "| motion | measured | right | wrong | none | identities | swaps | strays | normal, RMS deg | frames/s, one core |",
+        "| motion | measured | right | wrong | none | identities | swaps | strays | normal, RMS deg | frames/s |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in arguments.motion or MOTIONS:
