@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.layout.files import check_no_dataset, write_failure
-from roundel.scenes.camera.response_curve import parse_curve
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate
@@ -35,8 +34,7 @@ Progress = Callable[[int, int], None]
 OVERLAY = "overlay.mp4"
 _CODEC = "mp4v"  # MPEG-4 part 2: what OpenCV's wheels can write and every player reads
 _PART = 256  # frames whose results are in memory
-# Rec. 709 luminance of BGR.
-_LUMINANCE = np.array([[0.0722, 0.7152, 0.2126]], dtype=np.float32)
+_BGR = (0.0722, 0.7152, 0.2126)  # Rec. 709 luminance, as for photographs
 OUT_OF_SIGHT = "not seen in this frame"
 
 
@@ -76,7 +74,7 @@ def solve_video(
     knowledge : str, Evidence, a sequence of them, or None
         See `Tracker`.
     curve : str
-        Response curve of the video: see `parse_curve`; it is not estimated.
+        Response curve of the video: see `parse_curve`.
     progress : callable, optional
         Called with (frames done, frames announced).
 
@@ -101,8 +99,8 @@ def solve_video(
         raise UsageError(f"--intrinsics {spec.label}: a video's camera is not known; use default, focal or calibrated")
     video = open_video(path)
     camera = uncertain_camera_for(spec, None, video.width_px, video.height_px)
-    tracker, footer = Tracker(diameter_m, camera, knowledge), _footer(camera, diameter_m)
-    light = _light(curve)
+    tracker = Tracker(diameter_m, camera, curve, knowledge, weights=_BGR)
+    footer = _footer(camera, diameter_m)
     parts: list[Path] = []
     estimates, tally, done = [], Tally(), 0
     identities: set[int] = set()
@@ -113,7 +111,7 @@ def solve_video(
                 if progress:
                     progress(done, max(video.announced or 0, done + 1))
                 began = time.perf_counter()
-                markers = tracker.update(cv2.transform(light[frame], _LUMINANCE), time_s)
+                markers = tracker.update(frame, time_s)
                 seconds = round(time.perf_counter() - began, 6)
                 rows = _rows(markers, done, spec.label, camera)
                 seen = [e for e in rows if e]
@@ -136,14 +134,6 @@ def solve_video(
     if progress:
         progress(done, done)
     return VideoResult(done, len(identities), measured, settled, video.problem)
-
-
-def _light(curve: str) -> NDArray[np.float32]:
-    """Light of each level, 0 to 255."""
-    response = parse_curve(curve)
-    if response is None:
-        raise UsageError("--curve estimate: the curve of a video is not estimated; give linear, srgb or gamma:2.2")
-    return np.asarray(255.0 * response.light(np.arange(256) / 255.0), dtype=np.float32)
 
 
 def _rows(markers: Sequence[TrackedMarker], frame_id: int, label: str, camera: UncertainCamera) -> list[Estimate]:

@@ -15,18 +15,27 @@ from numpy.typing import NDArray
 
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.camera.model import Camera
+from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.detect.confidence import confidence_of, is_circle_image
+from roundel.solver.detect.contours import visible_fraction
 from roundel.solver.detect.detect import Detection
 from roundel.solver.detect.grey_image import noise_dn
 from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.edges import edge_points
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
-from roundel.solver.fit.image_levels import grey_levels
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.locate import camera_of_image, checked_diameter
 from roundel.solver.methods.pose_estimate import estimate_of
-from roundel.solver.methods.roundel_fits import DEFAULT_METHOD, Detections, detect_circles, fit_detection
+from roundel.solver.methods.roundel_fits import (
+    DEFAULT_METHOD,
+    Detections,
+    detect_circles,
+    fit_detection,
+    with_estimated_curve,
+)
+from roundel.solver.photometry.image_levels import EQUAL, averaged_rounding, grey_levels
+from roundel.solver.photometry.photometry import Photometry, level_step
 from roundel.solver.tracking.assignment import assign, same_contour
 from roundel.solver.tracking.ellipse_motion import EllipseMotion
 from roundel.solver.tracking.normal_motion import NormalMotion
@@ -98,11 +107,15 @@ class Tracker:
         Outer diameter of the printed circles; pass 1 if it is unknown to get lengths in diameters.
     camera : Camera or UncertainCamera, optional
         As for `locate`.
+    curve : str or ResponseCurve, optional
+        As for `locate`; estimated from the circles until they tell it, and then kept for all further frames.
     knowledge : str, Evidence, a sequence of them, or None
         Further knowledge of the pose, see `choose`; it is taken as the same knowledge in every frame.
     memory_s : float
         How long a marker that is out of sight keeps its identity.
     search_every : int
+    weights : (float, float, float)
+        Of the channels of a colour image, in their order.
 
     Examples
     --------
@@ -121,21 +134,25 @@ class Tracker:
         self,
         diameter_m: float,
         camera: Camera | UncertainCamera | None = None,
+        curve: ResponseCurve | str | None = None,
         knowledge: Knowledge = None,
         *,
         memory_s: float = 1.0,
         search_every: int = 10,
+        weights: tuple[float, float, float] = EQUAL,
     ) -> None:
         self._diameter_m = checked_diameter(diameter_m)
         check_knowledge(knowledge)
-        self._camera, self._knowledge = camera, knowledge
+        self._camera, self._knowledge, self._weights = camera, knowledge, weights
+        wanted = parse_curve(curve) if isinstance(curve, str) else curve
+        self._curve = wanted if wanted is not None and wanted.known else None
         self._memory_s, self._search_every = memory_s, search_every
         self._tracks: list[_Track] = []
         self._next = 0
         self._frame = -1
         self._time_s = 0.0
-        self._searched = -search_every
-        self._searched_s = -math.inf
+        self._search = -search_every
+        self._search_s = -math.inf
 
     @one_blas_thread()
     def update(self, image: NDArray[Any], time_s: float | None = None) -> list[TrackedMarker]:
@@ -158,18 +175,14 @@ class Tracker:
         ValueError
             If the image or the camera is invalid, or the time is not after that of the last frame.
         """
-        grey, full_scale_dn = grey_levels(image)
-        grey = np.ascontiguousarray(grey, dtype=np.float32)
+        grey, full_scale_dn, photometry = self._grey(image)
         label, uncertain = camera_of_image(self._camera, grey.shape[1], grey.shape[0])
         after_s = self._advanced(time_s)
         for track in self._tracks:
             track.motion, track.estimate = track.motion.after(after_s), None
-        seen = Detections(grey, full_scale_dn, self._followed(grey, full_scale_dn))
+        seen = Detections(grey, full_scale_dn, self._followed(grey, full_scale_dn), photometry)
         if self._should_search(len(seen.detections)):
-            self._searched, self._searched_s = self._frame, self._time_s
-            for found in detect_circles(grey, full_scale_dn).detections:
-                if not any(same_contour(found.edges.ellipse, one.edges.ellipse) for one in seen.detections):
-                    seen.detections.append(found)
+            seen = self._searched(image, seen)
         tracks, detections = self._tracks, seen.detections
         pairs = assign(
             [t.motion for t in tracks],
@@ -194,6 +207,26 @@ class Tracker:
         self._tracks = [t for t in tracks if self._lives(t)]
         return [self._told(track) for track in self._tracks]
 
+    def _grey(self, image: NDArray[Any]) -> tuple[NDArray[np.float32], float, Photometry]:
+        """Grey levels, the level at which they saturate, and how they came about."""
+        curve, pixels = self._curve or UNKNOWN, np.asarray(image)
+        grey, full_scale_dn = grey_levels(pixels, curve, weights=self._weights)
+        rounding = level_step(pixels, full_scale_dn), averaged_rounding(pixels, self._weights)
+        return grey, full_scale_dn, Photometry(curve, full_scale_dn, *rounding)
+
+    def _searched(self, image: NDArray[Any], followed: Detections) -> Detections:
+        """The markers of the whole image beside those that were followed; they may tell the curve."""
+        self._search, self._search_s = self._frame, self._time_s
+        found = list(followed.detections)
+        for one in detect_circles(followed.grey, followed.full_scale_dn, own_ellipses=False).detections:
+            if not any(same_contour(one.edges.ellipse, other.edges.ellipse) for other in found):
+                found.append(one)
+        seen = replace(followed, detections=found)
+        if self._curve is None and found:
+            seen = with_estimated_curve(seen, lambda curve: grey_levels(image, curve, weights=self._weights))
+            self._curve = seen.photometry.curve if seen.photometry.curve.known else None
+        return seen
+
     def _advanced(self, time_s: float | None) -> float:
         first = self._frame < 0
         now = self._time_s + (0.0 if first else 1.0 / _RATE_HZ) if time_s is None else float(time_s)
@@ -217,21 +250,23 @@ class Tracker:
             if isinstance(edges, FailedFit) or not is_circle_image(edges, noise, full_scale_dn, _ROUGH_PX):
                 continue
             if not any(same_contour(edges.ellipse, one.edges.ellipse) for one in out):
-                out.append(Detection(edges, confidence=confidence_of(edges, noise, full_scale_dn)))
+                visible = visible_fraction(edges.ellipse, grey.shape)
+                confidence = confidence_of(edges, noise, full_scale_dn, visible)
+                out.append(Detection(edges, confidence=confidence, visible=visible))
         return out
 
     def _should_search(self, followed: int) -> bool:
-        if self._frame - self._searched >= self._search_every:
+        if self._frame - self._search >= self._search_every:
             return True
         if not self._tracks or any(t.frames < _CONFIRMED for t in self._tracks):
             return True
-        return followed < len(self._tracks) and self._time_s - self._searched_s >= _SEARCH_S
+        return followed < len(self._tracks) and self._time_s - self._search_s >= _SEARCH_S
 
     def _measure(
         self, track: _Track, seen: Detections, detection: Detection, uncertain: UncertainCamera, key: EstimateKey
     ) -> None:
         fit = fit_detection(seen, detection, uncertain.camera, DEFAULT_METHOD)
-        estimate = estimate_of(fit, uncertain, self._diameter_m, self._knowledge, key, detection, seen.grey)
+        estimate = estimate_of(fit, uncertain, self._diameter_m, self._knowledge, key, detection, seen)
         shape_cov = fit.shape_cov if isinstance(fit, EllipseFit) and np.all(np.isfinite(fit.shape_cov)) else None
         if track.frames:
             track.motion = track.motion.seen(detection.edges.ellipse, shape_cov)

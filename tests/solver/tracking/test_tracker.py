@@ -60,11 +60,11 @@ def test_markers_at_rest_tell_nothing():
 
 def test_what_is_declared_decides_at_once_and_is_not_counted_again():
     prior = [0.1, 0.3, -0.9]
-    tracker = Tracker(DIAMETER_M, CAMERA, roundel_prior(prior))
+    tracker = Tracker(DIAMETER_M, CAMERA, "linear", roundel_prior(prior))
     for i in range(40):
         (marker,) = tracker.update(image_of([pose([0.03, 0.02, 0.6], 40, 80)], seed=i))
         (alone,) = roundel.locate(
-            image_of([pose([0.03, 0.02, 0.6], 40, 80)], seed=i), DIAMETER_M, CAMERA, roundel_prior(prior)
+            image_of([pose([0.03, 0.02, 0.6], 40, 80)], seed=i), DIAMETER_M, CAMERA, "linear", roundel_prior(prior)
         )
         assert marker.estimate.chosen == alone.chosen
     first = alone.chosen
@@ -75,7 +75,7 @@ def test_what_is_declared_decides_at_once_and_is_not_counted_again():
 def roundel_prior(normal):
     from roundel.solver.ambiguity.normal_prior import NormalPrior
 
-    return NormalPrior(np.array(normal), 30.0)
+    return NormalPrior(np.array(normal), 15.0)
 
 
 def test_a_marker_that_is_hidden_for_a_while_keeps_its_identity_and_is_then_forgotten():
@@ -106,7 +106,7 @@ def test_a_false_positive_of_one_image_ends_with_it():
 
 def test_the_whole_image_is_searched_now_and_then(monkeypatch):
     searched, detect_circles = [], module.detect_circles
-    monkeypatch.setattr(module, "detect_circles", lambda *a: searched.append(1) or detect_circles(*a))
+    monkeypatch.setattr(module, "detect_circles", lambda *a, **k: searched.append(1) or detect_circles(*a, **k))
     tracker = Tracker(DIAMETER_M, CAMERA)
     for i in range(40):
         (marker,) = tracker.update(image_of([pose([0.002 * i, 0.02, 0.6], 40, 30)], seed=i))
