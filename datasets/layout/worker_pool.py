@@ -37,6 +37,7 @@ def in_order(
     """Results of `work` for each item, computed by `jobs` fresh interpreters, in the order of the items.
 
     Leaving the iteration early (an error, Ctrl-C) ends the workers at once. They end as well if this process is killed.
+    The workers start before the first item is asked for.
 
     Parameters
     ----------
@@ -65,6 +66,10 @@ def in_order(
     waiting: deque[Future[Result]] = deque()
     try:
         with alive:
+            with _interrupts_blocked():
+                # A worker is started for each task that finds none idle.
+                for _ in range(jobs):
+                    pool.submit(int)
             for item in items:
                 # Ctrl-C is for the parent, which ends the workers; they inherit the blocked signal.
                 with _interrupts_blocked():

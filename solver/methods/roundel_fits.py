@@ -131,6 +131,8 @@ def fit_detection(
     if isinstance(fit, FailedFit):
         return fit
     photometry, blur_px = seen.photometry, detection.edges.blur_px
+    if photometry.curve.known and photometry.jpeg is None:
+        return fit  # nothing displaces its edges
     sides = side_levels(seen.grey, detection.edges)
     if not photometry.curve.known:
         # Between the contours of both curves.

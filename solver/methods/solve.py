@@ -32,7 +32,7 @@ from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
 from roundel.solver.methods.solved_parts import PARTS, Tally, join_parts, part_name, read_part, write_part
-from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
+from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
 from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
 from roundel.solver.photometry.jpeg_rounding import read_luminance_table
 from roundel.solver.photometry.photometry import Photometry, processing_of
@@ -175,9 +175,8 @@ def _solved(run: _Run, work: list[tuple[list[_Frame], Path]], jobs: int) -> Gene
             yield from _solve_block(run, block, part)
         return
     shared = pickled((run.images.path, run.knowledge))
-    warm_up()
     died = "a solving process died, perhaps from lack of memory; run the command again to continue"
-    yield from in_order(jobs, _work, work, _start_worker, (shared, list(run.methods)), died)
+    yield from in_order(jobs, _work, after_warm_up(work), _start_worker, (shared, list(run.methods)), died)
 
 
 # A worker process keeps what all frames share.

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import pickle
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 
 from roundel.scenes.errors import UsageError, first_line
 from roundel.solver.methods.locate import locate
 
+Item = TypeVar("Item")
 
-def warm_up() -> None:
-    """Solve a small drawn disc, which compiles the kernels: later processes load them from the cache.
 
-    Otherwise each of them would compile its own.
+def after_warm_up(items: Iterable[Item]) -> Iterator[Item]:
+    """The items, after a small drawn disc was solved, which compiles the kernels: workers load them from the cache.
+
+    Otherwise each of them would compile its own. They start meanwhile.
     """
     y, x = np.mgrid[:96, :128]
     inside = np.clip(30.5 - np.hypot((x - 63.2) / 1.2, y - 47.6), 0.0, 1.0)
     locate(np.rint(200 - 150 * inside).astype(np.uint8), 1.0)
+    yield from items
 
 
 def one_opencv_thread() -> None:

@@ -27,9 +27,10 @@ _SATURATED = 254.5 / 255.0  # fraction of the full scale
 def side_levels(grey: NDArray[Any], edges: EdgePoints) -> tuple[float, float]:
     """Median levels inside and outside a contour, where its edge has ended."""
     at = _along(grey, edges, np.array(edges.reach_px))
-    if not np.any(np.isfinite(at)):
+    known = np.isfinite(at)
+    if not np.any(known):
         return 0.0, edges.contrast_dn
-    inside, outside = np.nanmedian(at, axis=0)
+    inside, outside = np.median(at, axis=0) if np.all(known) else np.nanmedian(at, axis=0)  # the latter takes a ms
     return float(inside), float(outside)
 
 

@@ -23,7 +23,7 @@ from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
-from roundel.solver.methods.worker_start import one_opencv_thread, pickled, warm_up
+from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_file import Photo, read_photo
 from roundel.solver.photos.photo_report import PhotoResult, caveat_lines, distance_label, readable, shown_estimates
@@ -146,9 +146,8 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
         yield from (_solve_one(run, photograph) for photograph in photographs)
         return
     shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.curve))
-    warm_up()
     died = "a solving process died, perhaps from lack of memory; run the command again with fewer jobs"
-    yield from in_order(jobs, _work, photographs, _start_worker, (shared, list(run.methods)), died)
+    yield from in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, list(run.methods)), died)
 
 
 _worker: list[_Run] = []

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import Ellipse
+from roundel.solver.caveats import count_caveats
 from roundel.solver.estimates import Estimate
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_report import distance_label
@@ -44,4 +45,4 @@ def caveats_of(marker: TrackedMarker, estimate: Estimate) -> tuple[str, ...]:
         said.append("tilt: either of the two")
     if estimate.confidence is not None and estimate.confidence < _DOUBTFUL:
         said.append("may not be a circle")
-    return tuple(said)
+    return (*said, *count_caveats([estimate.caveats]))
