@@ -68,7 +68,7 @@ class Video:
             # Without usable times, those of the announced rate.
             time_s = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000.0
             last_s = time_s if time_s > last_s else last_s + 1.0 / self.rate_hz
-            yield last_s, frame
+            yield last_s, np.asarray(frame, dtype=np.uint8)
             count += 1
         self._capture.release()
         if count == 0:

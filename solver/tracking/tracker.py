@@ -193,16 +193,16 @@ class Tracker:
         known = {j: tracks[i] for i, j in pairs.items()}
         measured = 0
         for j, detection in enumerate(detections):
-            track = known.get(j)
-            if track is None and detection.confidence < _CONFIDENT:
+            own = known.get(j)
+            if own is None and detection.confidence < _CONFIDENT:
                 continue
-            if track is None:
+            if own is None:
                 motion = EllipseMotion.begin(detection.edges.ellipse, float(uncertain.camera.K[0, 0]))
-                track = _Track(self._next, _is_dark(detection), motion, self._time_s)
+                own = _Track(self._next, _is_dark(detection), motion, self._time_s)
                 self._next += 1
-                tracks.append(track)
+                tracks.append(own)
             key = EstimateKey(self._frame, measured, DEFAULT_METHOD, label)
-            self._measure(track, seen, detection, uncertain, key)
+            self._measure(own, seen, detection, uncertain, key)
             measured += 1
         self._tracks = [t for t in tracks if self._lives(t)]
         return [self._told(track) for track in self._tracks]
