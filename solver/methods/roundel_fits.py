@@ -48,6 +48,7 @@ METHODS = {
 DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
 OUTSIDE_FIELD = "the contour is outside the field of the camera's lens model"
+_CLIPPED = 254.5 / 255.0
 _SHIFT_SIGMA = 0.5  # of the displacement by JPEG, which depends on levels and blur that are only known roughly
 
 
@@ -137,7 +138,9 @@ def fit_detection(
     if not photometry.curve.known:
         # Between the contours of both curves.
         half = edge_displacement_px(*(level / photometry.top_dn for level in sides), blur_px) / 2
-        return displaced(fit, -half, abs(half))
+        # The level of a clipped side is not known, and the displacement grows with it.
+        clipped = max(sides) >= _CLIPPED * seen.full_scale_dn
+        return displaced(fit, -half, (2.0 if clipped else 1.0) * abs(half))
     shift = photometry.displacement_px(*sides, blur_px)
     return displaced(fit, -shift, _SHIFT_SIGMA * abs(shift)) if shift else fit
 

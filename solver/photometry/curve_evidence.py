@@ -35,6 +35,7 @@ from roundel.solver.kernels.curve_likelihood import (
     UNKNOWNS,
     curve_likelihood,
 )
+from roundel.solver.photometry.edge_levels import overshoots
 
 Array = NDArray[np.float64]
 
@@ -70,17 +71,22 @@ class CurveEvidence:
         Largest of the contours' reduced chi-squares for their best curve.
     contours : int
         Number of contours that could be measured.
+    sharpened : bool
+        Whether a contour overshoots, as no blur does: its shape is then that of the filter.
     """
 
     chi2: tuple[float, ...] = (0.0,) * len(CURVES)
     agreement: float = 0.0
     misfit: float = 0.0
     contours: int = 0
+    sharpened: bool = False
 
     @property
     def curve(self) -> ResponseCurve:
         """The curve that the evidence tells: linear or sRGB, or unknown, with its basis."""
         edges = f"the edges of {self.contours} circle{'' if self.contours == 1 else 's'}"
+        if self.sharpened:
+            return UNKNOWN.because("the edges are sharpened")
         if not self.contours:
             return UNKNOWN.because("no edge in the image can be measured")
         if self.misfit > _MOST_MISFIT:
@@ -109,6 +115,8 @@ def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], 
     total, misfit, count = np.zeros(len(CURVES)), 0.0, 0
     parts: list[Array] = []
     for edges in order[:_CONTOURS]:
+        if overshoots(levels, edges):
+            return CurveEvidence(sharpened=True)
         measured = _contour_chi2(levels, edges, full_scale_dn)
         if measured is not None:
             chi2, differences, reduced = measured
