@@ -164,7 +164,7 @@ def main() -> int:
     arguments.work.mkdir(parents=True, exist_ok=True)
     study = rendered(arguments.work)
     print(
-        "| sensor | levels | told | recognised | undecided | wrong | error, median ratio | worst | within 95 % | > 5 |"
+        "| sensor | levels | told | recognised | undecided | wrong | median ratio | worst | within 95 % | > 5 |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     scores: list[Score] = []

@@ -136,7 +136,7 @@ def fit_pixels(
             break
         trusted = trusted & ~bad
     rejected = 1.0 - np.count_nonzero(trusted) / max(np.count_nonzero(edges.trusted), 1)
-    return finished(state, scene, float(rejected * np.mean(edges.trusted)), motion)
+    return finished(state, scene, float(rejected), motion)
 
 
 def _is_uneven(state: FitState, fit: _Fit) -> bool:

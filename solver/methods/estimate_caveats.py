@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from roundel.solver import caveats
 from roundel.solver.detect.detect import Detection
+from roundel.solver.fit.edge_fit import EdgeFit
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.methods.roundel_fits import Detections, FallbackFit
@@ -45,7 +46,9 @@ def caveats_of(
         if fit.misfit > _MISFIT:
             words.append(caveats.misfit_words(fit.misfit))
     if detection is not None and seen is not None:
-        rejected = max(0.0, 1.0 - detection.edges.coverage / max(detection.visible, 1e-9))
+        # Hidden or weak parts have no edge; of the others some do not follow the ellipse.
+        deviating = fit.rejected_fraction if isinstance(fit, PixelFit | EdgeFit) else 0.0
+        rejected = max(0.0, 1.0 - detection.edges.coverage * (1.0 - deviating) / max(detection.visible, 1e-9))
         if isinstance(fit, PixelFit):
             clipped = fit.clipped_fraction
         else:

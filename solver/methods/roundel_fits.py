@@ -154,7 +154,9 @@ def _fit_of(
         if not isinstance(fit, FailedFit):
             return fit
         instead = _fit_of(seen, detection, camera, "ml", motion)
-        return instead if isinstance(instead, FailedFit) else FallbackFit(**vars(instead), reason=fit.reason)
+        if isinstance(instead, FailedFit):
+            return instead
+        return FallbackFit(**{"rejected_fraction": 0.0, **vars(instead)}, reason=fit.reason)
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # The points of a detection are only accurate enough to decide on it, so they are computed again.
