@@ -18,7 +18,7 @@ CURVE_UNKNOWN_IGNORED = "the response curve is unknown, linear or sRGB: the cova
 _KINDS = (
     ("fitted to edge points", "fitted to edge points instead of pixels"),
     ("edge's pixels are clipped", "clipped pixels along the edge"),
-    ("do not follow the model", "parts of the contour left out"),
+    ("of the contour is left out", "parts of the contour left out"),
     ("deviate from the model", "pixels that deviate from the model"),
     ("border", "cut by the image's border"),
     ("response curve is unknown", "unknown response curve"),
@@ -41,7 +41,7 @@ def rejected_words(fraction: float) -> str:
     """The caveat of a fraction of the contour that was left out; empty if it is negligible."""
     if fraction < _LEAST_REJECTED:
         return ""
-    return f"{_percent(fraction)} of the contour do not follow the model and are left out"
+    return f"{_percent(fraction)} of the contour is left out: hidden, outside the image, or off the model"
 
 
 def misfit_words(misfit: float) -> str:

@@ -107,8 +107,10 @@ def nearest(estimates: list[Estimate], truth_m: Array) -> tuple[Estimate, float,
     return best
 
 
-def scored(study: Study, work: Path, sensor: str, curve: str, count: int) -> list[Score]:
-    """The frames of one sensor and curve."""
+def solved(
+    study: Study, work: Path, sensor: str, curve: str, count: int
+) -> dict[str, list[tuple[Estimate, float, float]]]:
+    """The answers for the frames of one sensor and curve, by what `locate` was told; see `nearest`."""
     keys = {"curve": curve, **SENSORS[sensor]}
     path = work / "sensor.yaml"
     path.write_text(yaml.safe_dump(keys), encoding="utf-8")
@@ -124,6 +126,12 @@ def scored(study: Study, work: Path, sensor: str, curve: str, count: int) -> lis
             for told, answer in zip(WORDS, answers, strict=True):
                 assert answer is not None
                 found[told].append(answer)
+    return found
+
+
+def scored(study: Study, work: Path, sensor: str, curve: str, count: int) -> list[Score]:
+    """The scores of one sensor and curve, by what `locate` was told."""
+    found = solved(study, work, sensor, curve, count)
     reference = np.array([error for _, error, _ in found["declared"]])
     out = []
     for told in WORDS:
@@ -163,9 +171,7 @@ def main() -> int:
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     study = rendered(arguments.work)
-    print(
-        "| sensor | levels | told | recognised | undecided | wrong | median ratio | worst | within 95 % | > 5 |"
-    )
+    print("| sensor | levels | told | recognised | undecided | wrong | median ratio | worst | within 95 % | > 5 |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     scores: list[Score] = []
     for sensor in SENSORS:
