@@ -54,7 +54,7 @@ def _errors(axes: mpl.axes.Axes, work: Path) -> None:
     axes.set(
         xscale="log", xlabel="error of the position, mm (at 0.4 to 0.96 m)", ylabel="% of the frames", ylim=(0, 100)
     )
-    axes.legend(frameon=False, loc="center right")
+    axes.legend(frameon=False, loc="upper left")
     axes.set_title("An sRGB array given to locate", fontsize=10)
 
 

@@ -51,10 +51,10 @@ def _named(decode: Array, basis: str) -> ResponseCurve | None:
     # Least squares of log light over log level, weighted by light: dark levels are steps of a table.
     x, y, w = np.log(level[inner]), np.log(decode[inner] / decode[-1]), decode[inner]
     gamma = round(float(np.sum(w * x * y) / np.sum(w * x * x)), 3)
-    for curve in (LINEAR, SRGB, gamma_curve(gamma)):
-        if np.max(np.abs(curve.light(level) - decode / decode[-1])) < _SAME:
-            return curve.because(basis)
-    return None
+    curves = (LINEAR, SRGB, gamma_curve(gamma))
+    apart = [float(np.max(np.abs(curve.light(level) - decode / decode[-1]))) for curve in curves]
+    nearest = min(range(len(curves)), key=apart.__getitem__)
+    return curves[nearest].because(basis) if apart[nearest] < _SAME else None
 
 
 def _profile_curve(profile: bytes) -> Array | None:

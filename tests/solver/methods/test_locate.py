@@ -81,7 +81,7 @@ def test_distortion_is_taken_from_the_points():
     normal, centre = normal_of(30.0, 50.0), np.array([0.16, 0.10, 0.8])
     ellipse = ellipse_of(normal, centre, 0.06, camera.K)
     image = np.rint(200 - 160 * coverage_through_lens(ellipse, camera)).astype(np.uint8)
-    (estimate,) = locate(image, 0.12, camera)
+    (estimate,) = locate(image, 0.12, camera, curve="linear")
     assert np.abs(estimate.ellipse[:4] - ellipse[:4]).max() < 0.02  # clean, but the edge is no longer an ellipse
     angle, off, _ = oracle(estimate, normal, centre)
     assert angle < 0.1
@@ -100,7 +100,7 @@ def test_every_lens_is_taken_from_the_points(name):
     normal, centre = normal_of(30.0, 50.0), np.array([0.16, 0.08, 0.5])
     ellipse = ellipse_of(normal, centre, 0.06, camera.K)
     image = np.rint(200 - 160 * coverage_through_lens(ellipse, camera)).astype(np.uint8)
-    (estimate,) = locate(image, 0.12, camera)
+    (estimate,) = locate(image, 0.12, camera, curve="linear")
     angle, off, _ = oracle(estimate, normal, centre)
     # Clean levels; the fisheye's image is half as large.
     assert angle < 0.3
