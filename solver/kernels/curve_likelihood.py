@@ -36,7 +36,7 @@ _OUTLIER = 6.0  # sigmas beyond which a pixel counts no more
 _FOURTH_SIGMA = 0.05  # a disc of confusion has 1/24, a Gaussian 0
 _DARKEST = 1e-5  # light below which a power's slope is not computed
 _STEPS = 20
-_SETTLED = 0.01  # of chi-square
+_SETTLED = 0.1  # of chi-square; differences of 16 decide
 _LARGEST_LOG = 0.7
 
 

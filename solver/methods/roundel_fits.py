@@ -128,13 +128,11 @@ def fit_detection(
     points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the
     covariance includes linear and sRGB levels.
     """
-    fit = _fit_of(seen, detection, camera, method, motion)
-    if isinstance(fit, FailedFit):
-        return fit
     photometry, blur_px = seen.photometry, detection.edges.blur_px
-    if photometry.curve.known and photometry.jpeg is None:
-        return fit  # nothing displaces its edges
     sides = side_levels(seen.grey, detection.edges)
+    fit = _fit_of(seen, detection, camera, method, motion, sides)
+    if isinstance(fit, FailedFit) or (photometry.curve.known and photometry.jpeg is None):
+        return fit  # nothing displaces its edges
     if not photometry.curve.known:
         # Between the contours of both curves.
         half = edge_displacement_px(*(level / photometry.top_dn for level in sides), blur_px) / 2
@@ -146,14 +144,19 @@ def fit_detection(
 
 
 def _fit_of(
-    seen: Detections, detection: Detection, camera: Camera, method: str, motion: RowMotion | None
+    seen: Detections,
+    detection: Detection,
+    camera: Camera,
+    method: str,
+    motion: RowMotion | None,
+    sides: tuple[float, float],
 ) -> EllipseFit | FailedFit:
     if method == "pixels":
-        floor = seen.photometry.noise_floor(*side_levels(seen.grey, detection.edges), detection.edges.blur_px)
+        floor = seen.photometry.noise_floor(*sides, detection.edges.blur_px)
         fit = fit_pixels(seen.grey, detection.edges, camera, seen.full_scale_dn, floor, motion)
         if not isinstance(fit, FailedFit):
             return fit
-        instead = _fit_of(seen, detection, camera, "ml", motion)
+        instead = _fit_of(seen, detection, camera, "ml", motion, sides)
         if isinstance(instead, FailedFit):
             return instead
         return FallbackFit(**{"rejected_fraction": 0.0, **vars(instead)}, reason=fit.reason)

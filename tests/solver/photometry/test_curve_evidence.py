@@ -8,7 +8,7 @@ from helpers_images import picture
 
 from roundel.scenes.camera.response_curve import LINEAR, SRGB, gamma_curve
 from roundel.solver.methods.roundel_fits import detect_circles
-from roundel.solver.photometry.curve_evidence import CURVES, CurveEvidence, curve_evidence
+from roundel.solver.photometry.curve_evidence import CurveEvidence, curve_evidence
 
 ELLIPSE = np.array([150.3, 110.2, 30.0, 22.0, 20.0])
 
@@ -61,7 +61,8 @@ def test_clipped_paper_leaves_the_curve_unknown():
 
 
 def test_a_difference_from_a_few_places_decides_nothing():
-    chi2 = (500.0, 300.0, *[600.0] * (len(CURVES) - 2))
-    assert CurveEvidence(chi2, -5.0, 1.0, 1).curve.kind == "srgb"
-    assert CurveEvidence(chi2, -2.0, 1.0, 1).curve.kind == "unknown"
-    assert CurveEvidence(chi2, -5.0, 50.0, 1).curve.kind == "unknown"
+    chi2, third = (500.0, 300.0), 600.0
+    assert CurveEvidence(chi2, third, -5.0, 1.0, 1).curve.kind == "srgb"
+    assert CurveEvidence(chi2, third, -2.0, 1.0, 1).curve.kind == "unknown"
+    assert CurveEvidence(chi2, third, -5.0, 50.0, 1).curve.kind == "unknown"
+    assert CurveEvidence(chi2, 200.0, -5.0, 1.0, 1).curve.kind == "unknown"
