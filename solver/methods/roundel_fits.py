@@ -136,9 +136,9 @@ def fit_detection(
     if not photometry.curve.known:
         # Between the contours of both curves.
         half = edge_displacement_px(*(level / photometry.top_dn for level in sides), blur_px) / 2
-        # The level of a clipped side is not known, and the displacement grows with it.
+        # The level of a clipped side is not known, and the displacement grows with it: up to three times this one.
         clipped = max(sides) >= _CLIPPED * seen.full_scale_dn
-        return displaced(fit, -half, (2.0 if clipped else 1.0) * abs(half))
+        return displaced(fit, -half, (3.0 if clipped else 1.0) * abs(half))
     shift = photometry.displacement_px(*sides, blur_px)
     return displaced(fit, -shift, _SHIFT_SIGMA * abs(shift)) if shift else fit
 
