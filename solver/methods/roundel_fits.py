@@ -135,7 +135,8 @@ def fit_detection(
         return fit  # nothing displaces its edges
     if not photometry.curve.known:
         # Between the contours of both curves.
-        half = edge_displacement_px(*(level / photometry.top_dn for level in sides), blur_px) / 2
+        inside, outside = (level / photometry.top_dn for level in sides)
+        half = edge_displacement_px(inside, outside, blur_px) / 2
         # The level of a clipped side is not known, and the displacement grows with it: up to three times this one.
         clipped = max(sides) >= _CLIPPED * seen.full_scale_dn
         return displaced(fit, -half, (3.0 if clipped else 1.0) * abs(half))
