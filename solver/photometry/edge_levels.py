@@ -20,7 +20,7 @@ _BLURS = 1.5  # the ringing is beyond this much of the blur
 _OVERSHOOT = 0.03  # fraction of the contrast; a blur's edge response never overshoots
 _UNDERSHOOT = 0.01  # the darker side's ringing is compressed in linear light
 _SIGMAS = 5.0
-_FEWEST = 24  # sectors
+_FEWEST, _MOST = 24, 64  # sectors
 _SATURATED = 254.5 / 255.0  # fraction of the full scale
 
 
@@ -60,7 +60,7 @@ def overshoots(grey: NDArray[Any], edges: EdgePoints) -> bool:
         whole = np.isfinite(profile).all(axis=1)
         if np.count_nonzero(whole) < _FEWEST:
             return False
-        difference = close[whole] - np.median(level[whole], axis=1, keepdims=True)
+        difference = close[whole] - level[whole].mean(axis=1, keepdims=True)
         mean = difference.mean(axis=0)
         best = int(np.argmax(mean))
         error = float(difference[:, best].std()) / math.sqrt(len(difference))
@@ -72,10 +72,15 @@ def overshoots(grey: NDArray[Any], edges: EdgePoints) -> bool:
 
 
 def _along(grey: NDArray[Any], edges: EdgePoints, offsets: Array) -> Array:
-    """Nearest pixels (sectors, offsets) at distances from the trusted part of a contour; NaN outside the image."""
+    """Nearest pixels (sectors, offsets) at distances from the trusted part of a contour; NaN outside the image.
+
+    Of a long contour every second sector, or fewer.
+    """
     count = len(edges.trusted)
     feet, normals, _ = sector_centres(edges.ellipse, count)
-    places = feet[edges.trusted, None] + normals[edges.trusted, None] * offsets[:, None]
+    trusted = np.flatnonzero(edges.trusted)
+    some = trusted[:: max(1, len(trusted) // _MOST)]
+    places = feet[some, None] + normals[some, None] * offsets[:, None]
     x, y = np.rint(places).astype(np.int64).transpose(2, 0, 1)
     inside = (x >= 0) & (y >= 0) & (x < grey.shape[1]) & (y < grey.shape[0])
     values = grey[np.where(inside, y, 0), np.where(inside, x, 0)].astype(np.float64)
