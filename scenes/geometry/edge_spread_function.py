@@ -58,7 +58,9 @@ def step_response(
     return second_difference(value), second_difference(slope), second_difference(normal_cdf)
 
 
-def curved_distance(distance: Array, curvature: Array, curvature_ss: Array, variance: float) -> tuple[Array, Array]:
+def curved_distance(
+    distance: Array, curvature: Array, curvature_ss: Array, variance: float | Array
+) -> tuple[Array, Array]:
     """Distance to the straight edge with the same blurred image as a curved one, and its derivative by the variance.
 
     A Gaussian blur obeys the heat equation, in coordinates (s, d) along and across the contour
@@ -80,7 +82,7 @@ def curved_distance(distance: Array, curvature: Array, curvature_ss: Array, vari
         Signed, positive outside, px.
     curvature, curvature_ss : (N,) arrays
         Curvature of the contour at the foot point, 1/px, and its second derivative by arc length, 1/px^3.
-    variance : float
+    variance : float or (N,) array
         Variance of the blur and the pixel together, px^2.
     """
     square = curvature**2

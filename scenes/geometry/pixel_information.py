@@ -151,7 +151,7 @@ def shape_information_of_pixels(
     normal, u = local_normal @ turn, np.stack([np.cos(t), np.sin(t)], axis=-1) @ turn
     contour = np.array([x, y]) + np.stack([a * np.cos(t), b * np.sin(t)], axis=-1) @ turn
     if given.visible is not None:
-        area *= _visible_share(given.visible, np.array([x, y, a, b]), turn, t)[:, None]
+        area *= _visible_share(given.visible, np.array([x, y, a, b]), turn, np.asarray(t, dtype=np.float64))[:, None]
     rows = np.column_stack(
         [normal, normal[:, 0] * u[:, 0], normal[:, 0] * u[:, 1] + normal[:, 1] * u[:, 0], normal[:, 1] * u[:, 1]]
     )

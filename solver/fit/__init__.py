@@ -13,4 +13,5 @@ pixel_covariance: The covariance of a fit to the pixels: that of the noise, rais
     model's errors
 pixel_fit: Ellipse, blur and grey levels fitted to the pixels together, by weighted least squares
 pixel_scene: The data of a pixel fit: pixels of the edge, the plateaus beside it, and functions of the grey levels
+row_motion: The motion of an ellipse while the rows of the image are read, under a prior
 """

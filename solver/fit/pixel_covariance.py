@@ -145,7 +145,7 @@ def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     sector = np.repeat(np.arange(count), np.diff(scene.starts))
 
     def summed(values: Array) -> Array:
-        return np.bincount(sector, values, minlength=count)
+        return np.asarray(np.bincount(sector, values, minlength=count), dtype=np.float64)
 
     known, offset = summed(information), summed(pull)
     used = known > 1e-3 * float(np.max(known, initial=0.0))
@@ -208,7 +208,7 @@ def finished(
     degrees = max(float(np.count_nonzero(used)) - 6.0, 1.0)
     near = float(np.sum((offset / sigma) ** 2)) / degrees / power
     count = len(scene.starts) - 1
-    direction = (np.arange(count)[used] + 0.5) * (2 * math.pi / count)
+    direction = np.asarray((np.flatnonzero(used) + 0.5) * (2 * math.pi / count), dtype=np.float64)
     # Chi-square has a standard deviation of sqrt(2 / n): only more than three of them count as an error of the model.
     effective = total**2 / float(np.sum(information**2))
     raised = 1.0

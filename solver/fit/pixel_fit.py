@@ -119,7 +119,8 @@ def fit_pixels(
     lens = camera if camera is not None and distorts(camera) else None
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     trusted = edges.trusted
-    for _ in range(_ROUNDS):
+    best: PixelFit | FailedFit = FailedFit(UNEVEN)
+    for turn in range(_ROUNDS):
         scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
         if isinstance(scene, FailedFit):
             return scene
@@ -127,16 +128,17 @@ def fit_pixels(
         state = _settled(fit)
         if isinstance(state, FailedFit):
             return state
-        if trusted is edges.trusted and not any(scene.clipped) and _is_uneven(state, fit):
+        if turn == 0 and not any(scene.clipped) and _is_uneven(state, fit):
             return FailedFit(UNEVEN)
         sectors = sectors_of(state, scene)
-        width = math.ceil((state.parameters[VARIANCE] + max(state.parameters[INK], 0.0)) ** 0.5)
+        width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
         bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.used, width)
-        if not np.any(bad):
+        if turn == _ROUNDS - 1 or not np.any(bad):
+            rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
+            best = finished(state, scene, rejected, motion)
             break
         trusted = trusted & ~bad
-    rejected = 1.0 - np.count_nonzero(trusted) / max(np.count_nonzero(edges.trusted), 1)
-    return finished(state, scene, float(rejected), motion)
+    return best
 
 
 def _is_uneven(state: FitState, fit: _Fit) -> bool:

@@ -5,11 +5,12 @@ estimate_caveats: Caveats of an estimate: numbers and sentences about how well i
 locate: `locate`: the circles of one image, given as an array, with both poses of each
 opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
     would write them
-plugin: The plug-in interface for third-party methods: `View` in, `Found` out, and its checks
-    (docs/your-own-method.md)
+plugin: The plug-in interface for third-party methods: `View` in, `Found` out, and its checks (docs/your-own-
+    method.md)
 pose_estimate: The `Estimate` of one fitted ellipse: both poses, covariance, and the choice between them
 registry: All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`
 roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five fits
+shutter_motion: The motion of a detection during the readout of its camera, as the fits take it
 solve: Solve a dataset: every frame with every method and every intrinsics label, into one file
 solve_image: The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it
 solved_parts: Results of blocks of frames as they come: parts on disk, joined into the final files at the end
