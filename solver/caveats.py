@@ -41,7 +41,7 @@ def rejected_words(fraction: float) -> str:
     """The caveat of a fraction of the contour that was left out; empty if it is negligible."""
     if fraction < _LEAST_REJECTED:
         return ""
-    return f"{_percent(fraction)} of the contour is left out: hidden, outside the image, or off the model"
+    return f"{_percent(fraction)} of the contour is left out: hidden, or off the model"
 
 
 def misfit_words(misfit: float) -> str:

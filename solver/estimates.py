@@ -108,7 +108,7 @@ class Estimate:
         Confidence that this is the image of a circle, 0 to 1; see `solver.detect`.
     clipped_fraction, rejected_fraction : float or None
         Fraction of the edge's pixels that are clipped, and of the contour that was left out because it does not follow
-        the model (occluder, shadow, highlight, outside the image).
+        the model (occluder, shadow, highlight).
     misfit : float or None
         Reduced chi-square of the edge's pixels: 1 if they deviate from the model by their noise alone. If it is more
         than chance, it is included in `cov`.

@@ -83,7 +83,7 @@ def test_a_sharpened_image_says_so():
 def test_the_border_and_the_reason_of_edge_points():
     cut = only(levels(LIGHT[:, :168]), curve="linear")
     assert "cut by the image's border" in cut.caveats
-    assert 0.1 < cut.rejected_fraction < 0.5
+    assert cut.rejected_fraction < 0.1  # of what is inside the image
     shadow = only(levels(LIGHT * np.where(np.arange(320) > 150, 0.35, 1.0)), curve="linear")
     if shadow.fit_used != "pixels":
         assert shadow.fit_used.startswith("ml: ")
