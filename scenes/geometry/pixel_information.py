@@ -136,7 +136,7 @@ def shape_information_of_pixels(
     # If no normals cross within the edge's reach, the integrand is smooth everywhere.
     widest = math.sqrt(lens + (given.ink_sigma * a) ** 2 + PIXEL_VARIANCE)
     angles = _ANGLES[b * b / a < 6.0 * widest or given.visible is not None]
-    t = (np.arange(angles) + 0.5) * (2 * np.pi / angles)
+    t = np.asarray((np.arange(angles) + 0.5) * (2 * np.pi / angles), dtype=np.float64)
     speed = np.hypot(a * np.sin(t), b * np.cos(t))
     support = a * b / speed
     variance = lens + (given.ink_sigma * support) ** 2
