@@ -36,6 +36,7 @@ from roundel.solver.methods.roundel_fits import (
 )
 from roundel.solver.photometry.image_levels import EQUAL, averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
+from roundel.solver.pose.pose_covariance import poses_with_covariance
 from roundel.solver.tracking.assignment import assign, same_contour
 from roundel.solver.tracking.ellipse_motion import EllipseMotion
 from roundel.solver.tracking.normal_motion import NormalMotion
@@ -274,10 +275,17 @@ class Tracker:
             known = estimate.probability or (0.5, 0.5)
             odds = min(max(math.log(max(known[0], 1e-9) / max(known[1], 1e-9)), -_CERTAIN), _CERTAIN)
             after_s = self._time_s - track.seen_s
-            track.normals.update(estimate.normal, estimate.cov[:, 3:, 3:], after_s, odds)
+            track.normals.update(estimate.normal, self._noise_of(fit, estimate.cov, uncertain), after_s, odds)
             estimate = _chosen(estimate, track.normals.probability, self._knowledge is not None)
         track.seen_s, track.frames = self._time_s, track.frames + 1
         track.estimate = replace(estimate, track_id=track.identity)
+
+    def _noise_of(self, fit: EllipseFit | FailedFit, cov: Array, uncertain: UncertainCamera) -> Array:
+        """Covariance (2, 3, 3) of both normals by this frame's noise: the camera's errors are those of all frames."""
+        if isinstance(fit, EllipseFit) and (uncertain.focal_sigma or uncertain.principal_sigma_px):
+            exact = poses_with_covariance(fit.ellipse, fit.shape_cov, uncertain.camera.K, self._diameter_m / 2)[1]
+            cov = cov if exact is None else exact
+        return cov[:, 3:, 3:]
 
     def _lives(self, track: _Track) -> bool:
         if track.motion.ellipse is None:
