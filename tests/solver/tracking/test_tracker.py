@@ -6,6 +6,7 @@ from helpers_video import CAMERA, DIAMETER_M, HEIGHT, WIDTH, image_of, pose
 
 import roundel
 from roundel.scenes.camera.model import project
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.tracking import tracker as module
 from roundel.solver.tracking.tracker import Tracker
 
@@ -128,3 +129,14 @@ def test_wrong_frames_are_refused_and_the_next_one_is_taken_up():
     assert marker.frames == 2
     with pytest.raises(ValueError, match="positive number of metres"):
         Tracker(0.0)
+
+
+def test_errors_of_the_camera_do_not_hide_the_motion():
+    # They are the same in all frames, and do not make the candidates' motion less certain.
+    uncertain = UncertainCamera(CAMERA, focal_sigma=0.03, principal_sigma_px=10.0)
+    exact, assumed = Tracker(DIAMETER_M, CAMERA, "linear"), Tracker(DIAMETER_M, uncertain, "linear")
+    for i in range(20):
+        image = image_of([carried(0, i / RATE)], seed=i)
+        (one,), (other,) = exact.update(image), assumed.update(image)
+    assert one.estimate.probability == pytest.approx(other.estimate.probability, abs=1e-6)
+    assert other.estimate.cov[0, 2, 2] > 10 * one.estimate.cov[0, 2, 2]
