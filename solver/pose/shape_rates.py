@@ -36,33 +36,25 @@ def shape_rate_covariance(ellipse: Array, K: Array, radius_m: float, row_time: R
         If the ellipse has no pose.
     """
     poses = poses_from_ellipse(ellipse, K, radius_m)
-    each = [rate_covariance_of(n, c, K, radius_m, row_time) for n, c in zip(poses.normal, poses.centre_m, strict=True)]
-    return np.asarray((each[0] + each[1]) / 2)
-
-
-def rate_covariance_of(normal: Array, centre_m: Array, K: Array, radius_m: float, row_time: RowTime) -> Array:
-    """The same (5, 5) for one pose."""
-    rates = np.empty((5, 6))
-    for i in range(6):
-        ends = [_shape(normal, centre_m / radius_m, i, sign * _STEP, K) for sign in (1.0, -1.0)]
-        rates[:, i] = (ends[0] - ends[1]) / (2 * _STEP)
+    normal, centre = poses.normal, poses.centre_m / radius_m
+    # Two candidates, six twists, two directions: the unit circle after a shift along, or a turn about, each axis.
+    steps = np.concatenate([np.eye(3), np.eye(3)]) * _STEP
+    steps = np.stack([steps, -steps], axis=1)
+    turned = np.zeros((2, 6, 2, 3, 3))
+    shifted = np.broadcast_to(centre[:, None, None], (2, 6, 2, 3)).copy()
+    shifted[:, :3] += steps[:3]
+    shifted[:, 3:] += np.cross(steps[3:], centre[:, None, None])
+    turned[..., 2] = normal[:, None, None]
+    turned[:, 3:, :, :, 2] += np.cross(steps[3:], normal[:, None, None])
+    turned[..., 2] /= np.linalg.norm(turned[..., 2], axis=-1, keepdims=True)
+    aside = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])[:, None, None]
+    turned[..., 0] = np.cross(turned[..., 2], aside)
+    turned[..., 0] /= np.linalg.norm(turned[..., 0], axis=-1, keepdims=True)
+    turned[..., 1] = np.cross(turned[..., 2], turned[..., 0])
+    pose = np.zeros((2, 6, 2, 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = turned, shifted, 1.0
+    shape = shape_of_ellipse(ellipse_of_conic(conic_of_circle(pose, 1.0, K)))
     sigma = row_time.twist_sigma
     sigma[:3] /= radius_m
-    rates *= sigma
-    return np.asarray(rates @ rates.T)
-
-
-def _shape(normal: Array, centre: Array, axis: int, step: float, K: Array) -> Array:
-    """Shape (5,) of the unit circle after a shift along, or a turn about, an axis of the camera."""
-    direction = np.zeros(3)
-    direction[axis % 3] = step
-    if axis < 3:
-        centre = centre + direction
-    else:
-        centre, normal = centre + np.cross(direction, centre), normal + np.cross(direction, normal)
-        normal = normal / np.linalg.norm(normal)
-    across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.7 else [0.0, 1.0, 0.0])
-    across /= np.linalg.norm(across)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = np.stack([across, np.cross(normal, across), normal], axis=1), centre
-    return np.asarray(shape_of_ellipse(ellipse_of_conic(conic_of_circle(pose, 1.0, K))))
+    rates = (shape[:, :, 0] - shape[:, :, 1]) / (2 * _STEP) * sigma[:, None]
+    return np.asarray(np.einsum("kij,kil->jl", rates, rates) / 2)
