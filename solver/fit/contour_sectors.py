@@ -13,19 +13,22 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.order_statistics import median
+
 Array = NDArray[np.float64]
 
 _FAR = 4.5  # sigmas of a single sector's offset, or of the mean of a run
-_RUNS = (1, 3, 7)  # sectors
+_RUNS = np.array([0, 1, 3])  # neighbours on either side
 _LOUD = 4.0  # mean square of a sector's residuals, in medians of all
-_SPREAD = 1  # sectors on either side of a bad one: blur carries the error to them
-_FEWEST = 12
+_FEWEST, _LEAST = 12, 0.4  # sectors that are left, and their share of those with an offset
 _FIRST, _LAST = 3, 8  # harmonics of the direction
 _PRIOR = 8.0  # degrees of freedom by which an excess is taken to be none
 
 
+@compiled
 def deviating_sectors(
-    offset: Array, sigma: Array, square: Array, used: NDArray[np.bool_], width: int = _SPREAD
+    offset: Array, sigma: Array, square: Array, used: NDArray[np.bool_], width: int
 ) -> NDArray[np.bool_]:
     """Sectors that do not belong to the ellipse or whose pixels do not match the model.
 
@@ -38,29 +41,50 @@ def deviating_sectors(
     used : (S,) array of bool
         Sectors that have an offset.
     width : int
-        Neighbours on either side that are left out, too.
+        Neighbours on either side of a bad sector that are left out, too: blur carries the error to them.
 
     Returns
     -------
     (S,) array of bool
-        Empty of True if fewer than 12 sectors, or less than two thirds of them, would be left.
+        None if fewer than 12 sectors, or less than 40 % of them, would be left.
     """
-    none = np.zeros(len(offset), bool)
-    if np.count_nonzero(used) < _FEWEST:
+    count = len(offset)
+    bad, none = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    number = 0
+    for i in range(count):
+        number += used[i]
+    if number < _FEWEST:
         return none
-    z = np.where(used, offset / np.where(used, sigma, 1.0), 0.0)
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(z[used]))))
-    bad = none.copy()
-    for run in _RUNS:
-        total, count = (_around(v, run // 2) for v in (z, used.astype(np.float64)))
-        mean = total / np.sqrt(np.maximum(count, 1.0))
-        bad |= used & (np.abs(mean) > _FAR * scale)
-    bad |= used & (square > _LOUD * float(np.median(square[used])))
-    if not np.any(bad):
+    z, sizes, loud = np.zeros(count), np.empty(number), np.empty(number)
+    n = 0
+    for i in range(count):
+        if used[i]:
+            z[i] = offset[i] / sigma[i]
+            sizes[n], loud[n] = abs(z[i]), square[i]
+            n += 1
+    limit = _FAR * max(1.0, 1.4826 * median(sizes))
+    noisy = _LOUD * median(loud)
+    found = False
+    for i in range(count):
+        if not used[i]:
+            continue
+        for half in _RUNS:
+            total, terms = 0.0, 0
+            for k in range(-half, half + 1):
+                j = (i + k) % count
+                total, terms = total + z[j], terms + used[j]
+            bad[i] = bad[i] or abs(total) > limit * math.sqrt(terms)
+        bad[i] = bad[i] or square[i] > noisy
+        found = found or bad[i]
+    if not found:
         return none
-    bad = _around(bad.astype(np.float64), width) > 0
-    left = np.count_nonzero(used & ~bad)
-    return used & bad if left >= max(_FEWEST, 0.4 * np.count_nonzero(used)) else none
+    out, left = np.zeros(count, np.bool_), 0
+    for i in range(count):
+        if used[i]:
+            for k in range(-width, width + 1):
+                out[i] = out[i] or bad[(i + k) % count]
+            left += not out[i]
+    return out if left >= max(_FEWEST, _LEAST * number) else none
 
 
 def shared_excess(offset: Array, sigma: Array, direction: Array, shape: Array) -> float:
@@ -88,14 +112,6 @@ def shared_excess(offset: Array, sigma: Array, direction: Array, shape: Array) -
     free = 2 * len(orders)
     excess = (ends[0] - ends[1]) / free
     return max(1.0, (free * excess + _PRIOR) / (free + _PRIOR))
-
-
-def _around(values: Array, half: int) -> Array:
-    """Sums over `half` neighbours on either side, around the closed contour."""
-    out = values.copy()
-    for shift in range(1, half + 1):
-        out += np.roll(values, shift) + np.roll(values, -shift)
-    return out
 
 
 def direction_of(ellipse: Array, points_px: Array) -> Array:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from roundel.solver.fit.contour_sectors import deviating_sectors, direction_of, shared_excess
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit, finished_fit, fit_ellipse, shape_of_ellipse
-from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.row_motion import RowMotion, widened
-from roundel.solver.kernels.trace_contour import shape_row
+from roundel.solver.kernels.ellipse_distances import shape_rows
 
 Array = NDArray[np.float64]
 
@@ -56,18 +55,16 @@ def fit_edges(
     for _ in range(_ROUNDS):
         if isinstance(fit, FailedFit):
             return fit
-        distance, normal, u = foot_points(fit.ellipse, points_px)
-        bad = deviating_sectors(distance, sigma_px, np.ones(len(keep)), keep)
+        distance = _rows(fit, points_px)[5]
+        bad = deviating_sectors(distance, sigma_px, np.ones(len(keep)), keep, 1)
         if not np.any(bad):
             break
         keep &= ~bad
         fit = fit_ellipse(points_px[keep], sigma_px[keep], start=fit.ellipse)
     if isinstance(fit, FailedFit):
         return fit
-    distance, normal, u = foot_points(fit.ellipse, points_px[keep])
-    shape = np.empty((len(distance), 5))
-    for row, n, v in zip(shape, normal, u, strict=True):
-        shape_row(n[0], n[1], v[0], v[1], row)
+    rows = _rows(fit, points_px[keep])
+    shape, distance = rows[:5].T, rows[5]
     # The fit's variance is that of its residuals; what they share comes on top.
     scale = float(np.sqrt(np.mean((distance / sigma_px[keep]) ** 2)))
     direction = direction_of(fit.ellipse, points_px[keep])
@@ -78,3 +75,10 @@ def fit_edges(
         shape_cov = widened(shape_cov, shape, sigma_px[keep], motion.time_s(at, at.mean(axis=0)), motion)
     done = finished_fit(shape_of_ellipse(fit.ellipse), fit.residual_px, fit.sigma_px**2, shape_cov)
     return EdgeFit(**vars(done), rejected_fraction=1.0 - float(np.mean(keep)))
+
+
+def _rows(fit: EllipseFit, points_px: Array) -> Array:
+    """Derivatives of the points' distances by the shape, and the distances: (6, N)."""
+    rows = np.empty((6, len(points_px)))
+    shape_rows(shape_of_ellipse(fit.ellipse), points_px, np.ones(len(points_px)), rows)
+    return rows

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.levenberg_marquardt import minimise
+from roundel.solver.kernels.ellipse_distances import shape_rows
 
 Array = NDArray[np.float64]
 Loss = Literal["none", "huber", "tukey"]
@@ -357,12 +357,6 @@ def _ellipse_by_shape(ellipse: Array) -> Array:
 
 def _rows(theta: Array, points: Array, inverse_sigma: Array) -> Array:
     """(6, N): derivatives of the signed distances by theta, and the distances, over the points' relative sigmas."""
-    x, y, s11, s12, s22 = theta.tolist()
-    mean, half, turn = (s11 + s22) / 2, math.hypot((s11 - s22) / 2, s12), math.atan2(s12, (s11 - s22) / 2) / 2
-    distance, normal, u = foot_points((x, y, mean + half, mean - half, math.degrees(turn)), points)
     rows = np.empty((6, len(points)))
-    np.multiply(normal.T, -inverse_sigma, out=rows[:2])
-    np.multiply(rows[:2], u.T, out=rows[2:5:2])
-    rows[3] = rows[0] * u[:, 1] + rows[1] * u[:, 0]
-    np.multiply(distance, inverse_sigma, out=rows[5])
+    shape_rows(theta, points, inverse_sigma, rows)
     return rows

@@ -34,8 +34,7 @@ from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, shape_of_ell
 from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, sectors_of
 from roundel.solver.fit.pixel_scene import SIZES, PixelScene, scene_of, sums_of
 from roundel.solver.fit.row_motion import RowMotion
-from roundel.solver.kernels.contour_pixels import DISTANCE, VALUE
-from roundel.solver.kernels.contour_scene import place_moving
+from roundel.solver.kernels.contour_scene import place_moving, side_medians
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.model_choice import model_choice
 from roundel.solver.kernels.pixel_equations import INK, PARAMETERS, RATES, RECORD, SMEAR, VARIANCE, pixel_equations
@@ -85,6 +84,7 @@ class _Fit:
     priors: Array
     base: NDArray[np.int64]
     rates_information: Array
+    constants: tuple[float, float]
 
 
 def fit_pixels(
@@ -145,7 +145,11 @@ def _is_uneven(state: FitState, fit: _Fit) -> bool:
     """Whether the local levels of the edge points follow the light better than smooth functions do."""
     spread_dn = math.sqrt(float(np.mean(state.noise)))
     least_dn = max(fit.edges.noise_dn, _ROUNDING_DN, math.sqrt(float(np.mean(fit.floor))))
-    return state.levels.shape[1] == SIZES[-1] or spread_dn > _UNEVEN * least_dn
+    return _needs_harmonics(state, fit) or spread_dn > _UNEVEN * least_dn
+
+
+def _needs_harmonics(state: FitState, fit: _Fit) -> bool:
+    return state.levels.shape[1] == SIZES[-1] and not any(fit.scene.clipped)
 
 
 def _fit_of(
@@ -161,20 +165,22 @@ def _fit_of(
     if motion is not None and motion.fitted:
         rows[:2] = motion.row_s, edges.ellipse[0 if motion.along_x else 1]
         rows[3], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
-    fit = _Fit(scene, edges, rows, np.full(2, _FLOOR_DN2), priors, base, rates)
-    if noise_floor is not None:
-        least = [max(noise_floor(level), _FLOOR_DN2) for level in _constants(fit)]
-        fit = replace(fit, floor=np.array(least))
-    return fit
+    constants = _constants(scene, edges)
+    least = [_FLOOR_DN2 if noise_floor is None else max(noise_floor(level), _FLOOR_DN2) for level in constants]
+    return _Fit(scene, edges, rows, np.array(least), priors, base, rates, constants)
 
 
 def _settled(fit: _Fit) -> FitState | FailedFit:
     """The converged fit, with what its model needs."""
     # The contour is known to a small part of its blur: the residuals at the start already tell what the model needs,
     # but for the shape of a wide blur.
-    state = _fitted(fit, _chosen(fit, _first_state(fit)))
+    first = _first_state(fit)
+    chosen = _chosen(fit, first)
+    if _needs_harmonics(chosen, fit):
+        return FailedFit(UNEVEN)
+    state = _fitted(fit, chosen)
     if isinstance(state, FailedFit):
-        return _fitted(fit, replace(_first_state(fit), used=fit.base))
+        return _fitted(fit, replace(first, used=fit.base))
     if len(state.used) == len(fit.base) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
         chosen = _chosen(fit, state)
         if len(chosen.used) > len(fit.base):
@@ -189,25 +195,21 @@ def _first_state(fit: _Fit) -> FitState:
     parameters[VARIANCE] = max(fit.edges.blur_px, 0.1) ** 2
     noise = np.maximum(np.full(2, fit.edges.noise_dn**2), fit.floor)
     levels = np.zeros((2, min(SIZES[1], scene.basis.shape[1])))
-    levels[:, 0] = _constants(fit)
+    levels[:, 0] = fit.constants
     none = np.empty((0, RECORD))
     return FitState(
         scene.ellipse, scene.table, scene.jacobian, parameters, levels, fit.base, none, noise, none, fit.rows
     )
 
 
-def _constants(fit: _Fit) -> tuple[float, float]:
+def _constants(scene: PixelScene, edges: EdgePoints) -> tuple[float, float]:
     """Levels inside and outside: medians of the plateaus; beside a clipped one, by the step of the edge points."""
-    value, distance = fit.scene.table[:, VALUE], fit.scene.table[:, DISTANCE]
-    near, far = np.quantile(distance, (0.2, 0.8)) if len(distance) else (0.0, 0.0)
-    inside, outside = (
-        float(np.median(np.concatenate([p.value, value[end]])))
-        for p, end in zip(fit.scene.plateaus, (distance <= near, distance >= far), strict=True)
-    )
-    step = fit.edges.contrast_dn
-    if fit.scene.clipped[1]:
+    plateaus = scene.plateaus
+    inside, outside = side_medians(scene.table, plateaus[0].value, plateaus[1].value)
+    step = edges.contrast_dn
+    if scene.clipped[1]:
         return inside, inside + step
-    return (outside - step, outside) if fit.scene.clipped[0] else (inside, outside)
+    return (outside - step, outside) if scene.clipped[0] else (inside, outside)
 
 
 def _chosen(fit: _Fit, state: FitState) -> FitState:

@@ -155,7 +155,8 @@ def contour_pixels(
     following = starts[:count].copy()
     table = np.empty((n, COLUMNS))
     for i in range(n):
-        table[following[sector[i]]] = found[i]
+        for j in range(COLUMNS):
+            table[following[sector[i]], j] = found[i, j]
         following[sector[i]] += 1
     return table, starts
 

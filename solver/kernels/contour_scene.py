@@ -25,7 +25,7 @@ from roundel.solver.kernels.contour_pixels import (
     curvatures,
     foot_point,
 )
-from roundel.solver.kernels.sector_offsets import quantile
+from roundel.solver.kernels.order_statistics import median, quantile, sorted_copy
 from roundel.solver.kernels.trace_contour import shape_row
 
 Array = NDArray[np.float64]
@@ -98,13 +98,16 @@ def split_pixels(
                 if distance < ends[0] or distance > ends[1]:
                     continue
                 if distance < reach[0]:
-                    inside[inner] = table[i]
+                    for j in range(COLUMNS):
+                        inside[inner, j] = table[i, j]
                     inner += 1
                 elif distance > reach[1]:
-                    outside[outer] = table[i]
+                    for j in range(COLUMNS):
+                        outside[outer, j] = table[i, j]
                     outer += 1
                 else:
-                    edge[edges] = table[i]
+                    for j in range(COLUMNS):
+                        edge[edges, j] = table[i, j]
                     edges += 1
         edge_starts[s + 1] = edges
     return edge[:edges].copy(), edge_starts, inside[:inner].copy(), outside[:outer].copy()
@@ -160,7 +163,7 @@ def plateau_sums(
         for j in range(k):
             level += basis[i, j] * coefficients[j]
         squares[i] = (value[i] - level) ** 2
-    limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * quantile(np.sort(squares), 0.5), 1.0)
+    limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * median(squares), 1.0)
     square, count = 0.0, 0
     for i in range(n):
         if squares[i] > limit or value[i] >= clip_dn:
@@ -225,3 +228,29 @@ def place_moving(table: Array, shape: Array, rates: Array, rows: Array, jacobian
         one[4] = math.degrees(math.atan2(s12, (s11 - s22) / 2.0)) / 2.0
         place_at(table[i : i + 1], one, jacobian[i : i + 1])
     return True
+
+
+@compiled
+def side_medians(table: Array, inside: Array, outside: Array) -> tuple[float, float]:
+    """Medians of the levels on both sides: of the plateaus, and of the fifth of the edge's pixels that is nearest."""
+    n = len(table)
+    distances, values = np.empty(n), np.empty(n)
+    for i in range(n):
+        distances[i] = table[i, DISTANCE]
+    ordered = sorted_copy(distances)
+    near, far = quantile(ordered, 0.2), quantile(ordered, 0.8)
+    medians = np.empty(2)
+    for side in range(2):
+        plateau = inside if side == 0 else outside
+        count = 0
+        for i in range(n):
+            if (side == 0 and table[i, DISTANCE] <= near) or (side == 1 and table[i, DISTANCE] >= far):
+                values[count] = table[i, VALUE]
+                count += 1
+        every = np.empty(count + len(plateau))
+        for i in range(count):
+            every[i] = values[i]
+        for i in range(len(plateau)):
+            every[count + i] = plateau[i]
+        medians[side] = median(every)
+    return medians[0], medians[1]

@@ -18,6 +18,7 @@ from roundel.solver.kernels.contour_pixels import (
     VALUE,
 )
 from roundel.solver.kernels.edge_response import curved_distance, gaussian_step, step_response
+from roundel.solver.kernels.order_statistics import median, quantile, sorted_copy
 
 Array = NDArray[np.float64]
 
@@ -25,17 +26,7 @@ SECTOR_PX = 2.0
 MIN_VARIANCE = 0.05**2  # a smaller blur is indistinguishable from none
 _LEVEL_WINDOW_PX = 10.0  # grey levels come from this distance along the contour, on either side
 _SATURATED = 254.5 / 255.0  # fraction of the full scale
-_SATURATED_STEPS = 12
-
-
-@compiled
-def quantile(ordered: Array, share: float) -> float:
-    """Quantile of sorted values, with linear interpolation."""
-    at = share * (len(ordered) - 1)
-    i = min(int(at), len(ordered) - 2) if len(ordered) > 1 else 0
-    if len(ordered) == 1:
-        return float(ordered[0])
-    return float(ordered[i] + (ordered[i + 1] - ordered[i]) * (at - i))
+_FIRST_STEPS, _STEPS, _SATURATED_STEPS = 4, 3, 12
 
 
 @compiled
@@ -82,7 +73,6 @@ def sector_offsets(
     variance: float,
     full_scale_dn: float,
     first: bool,
-    steps: int,
     delta: Array,
     sigma: Array,
     good: NDArray[np.bool_],
@@ -100,7 +90,6 @@ def sector_offsets(
     full_scale_dn : float
     first : bool
         Whether the contour is still rough.
-    steps : int
     delta, sigma : (count,) arrays
         Written: the edge's offset outward and its standard deviation, px.
     good : (count,) array of bool
@@ -112,6 +101,7 @@ def sector_offsets(
         Of the blur; median of outside minus inside; RMS residual of the good sectors.
     """
     count, n = len(starts) - 1, len(table)
+    steps = _FIRST_STEPS if first else _STEPS
     saturated, share = _saturated_pixels(table, count, full_scale_dn, first)
     window = min(max(1, round(_LEVEL_WINDOW_PX / SECTOR_PX)), (count - 1) // 4)
     if share > 0.1:
@@ -172,7 +162,7 @@ def sector_offsets(
                 power, change = power + own * own, change + own * residual[i]
         change = change / power if power > 0.0 else 0.0
         variance = min(max(variance + change, variance / 4.0, MIN_VARIANCE), variance * 4.0)
-    ordered = np.sort(height)
+    ordered = sorted_copy(height)
     lower, contrast, upper = quantile(ordered, 0.25), quantile(ordered, 0.5), quantile(ordered, 0.75)
     strong = upper if upper >= -lower else lower
     # Half of a contour or more may be hidden, without a step, or in a shadow, with a small step.
@@ -187,7 +177,7 @@ def sector_offsets(
         for i in range(starts[s], starts[s + 1]):
             squares += residual[i] * residual[i]
         spread[s] = math.sqrt(squares / max(starts[s + 1] - starts[s], 1))
-    widest = max(4.0 * quantile(np.sort(spread), 0.5), 0.05 * abs(contrast))
+    widest = max(4.0 * median(spread), 0.05 * abs(contrast))
     squares, pixels = 0.0, 0
     for s in range(count):
         usable = information[s] > 1e-12 * most

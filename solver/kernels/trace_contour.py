@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import (
+    COLUMNS,
     DISTANCE,
     NORMAL_X,
     NORMAL_Y,
@@ -19,7 +20,8 @@ from roundel.solver.kernels.contour_pixels import (
     contour_pixels,
     sector_centres,
 )
-from roundel.solver.kernels.sector_offsets import SECTOR_PX, quantile, sector_offsets
+from roundel.solver.kernels.order_statistics import median
+from roundel.solver.kernels.sector_offsets import SECTOR_PX, sector_offsets
 from roundel.solver.kernels.small_matrices import inverse_of
 
 Array = NDArray[np.float64]
@@ -30,7 +32,6 @@ _FIRST_REACH_PX = 8.0  # search distance from a candidate for its edge and its p
 _MAX_ROUNDS = 6
 _SETTLED_PX = 0.005  # the error after an iteration is about a thirtieth of its step
 _CLOSE_PX, _CLOSE = 1.0, 0.07  # limits of a small step: in px, and as a fraction of the semi-minor axis
-_FIRST_STEPS, _STEPS, _LAST_STEPS = 4, 3, 3
 _PROFILE_STEP_PX = 0.5
 
 # Why there is no contour; the first is none.
@@ -117,7 +118,8 @@ def _within(table: Array, starts: NDArray[np.int64], low: float, high: float) ->
     for s in range(len(starts) - 1):
         for i in range(starts[s], starts[s + 1]):
             if low <= table[i, DISTANCE] <= high:
-                kept[n] = table[i]
+                for j in range(COLUMNS):
+                    kept[n, j] = table[i, j]
                 n += 1
         ends[s + 1] = n
     return kept[:n], ends
@@ -127,11 +129,6 @@ def _within(table: Array, starts: NDArray[np.int64], low: float, high: float) ->
 def shape_row(nx: float, ny: float, ux: float, uy: float, row: Array) -> None:
     """Derivative of a signed distance by x, y, S11, S12, S22 of the ellipse."""
     row[0], row[1], row[2], row[3], row[4] = -nx, -ny, -nx * ux, -nx * uy - ny * ux, -ny * uy
-
-
-@compiled
-def _median(values: Array) -> float:
-    return quantile(np.sort(values), 0.5)
 
 
 @compiled
@@ -172,7 +169,7 @@ def _shape_step(jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bo
             if good[s]:
                 left[i], widths[i] = residual[s], sigma[s]
                 i += 1
-        middle = _median(left)
+        middle = median(left)
         limit = max(4.0 * 1.4826 * middle, 0.05)
         outside = 0
         for s in range(count):
@@ -182,7 +179,7 @@ def _shape_step(jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bo
         # Points of a neighbour, a shadow or a stain are off the ellipse.
         for s in range(count):
             good[s] = good[s] and residual[s] <= limit
-    if middle > 0.1 + 0.03 * b_px + 2.0 * _median(widths):
+    if middle > 0.1 + 0.03 * b_px + 2.0 * median(widths):
         return NO_ELLIPSE
     return OK
 
@@ -224,7 +221,7 @@ def trace_contour(
     low, high, variance = -_FIRST_REACH_PX, _FIRST_REACH_PX, 1.0
     step, about = np.zeros(5), np.zeros(5)
     none = np.empty((0, 2)), np.empty(0), np.empty(0, np.bool_)
-    feet, normals, units = sector_centres(current, MIN_SECTORS)
+    feet, normals, units = np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2))
     points, sigma, good = none
     for turn in range(_MAX_ROUNDS):
         first = turn == 0
@@ -241,7 +238,7 @@ def trace_contour(
         expected = arc_lengths(current[2], current[3])[-1] / count * (outer - max(inner, -0.9 * current[3]))
         delta, sigma, good = np.zeros(count), np.empty(count), np.empty(count, np.bool_)
         variance, about[1], about[2] = sector_offsets(
-            table, starts, expected, variance, full_scale_dn, first, _FIRST_STEPS if first else _STEPS,
+            table, starts, expected, variance, full_scale_dn, first,
             delta, sigma, good,
         )  # fmt: skip
         feet, normals, units = sector_centres(current, count)
@@ -267,7 +264,7 @@ def trace_contour(
                     table[i, DISTANCE] += row[j] * step[j]
             before = step.copy()
             variance, about[1], about[2] = sector_offsets(
-                table, starts, expected, variance, full_scale_dn, False, _LAST_STEPS, delta, sigma, good
+                table, starts, expected, variance, full_scale_dn, turn < 0, delta, sigma, good
             )
             failure = _shape_step(jacobian, delta, sigma, good, math.inf, step)
             if failure != OK:

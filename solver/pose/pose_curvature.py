@@ -15,7 +15,7 @@ from roundel.solver.pose.circle_pose import CirclePoses, poses_from_ellipse
 Array = NDArray[np.float64]
 
 _STEP = 3.0**0.5  # sigmas: differences at these points give the second moments of a quadratic exactly
-_SMALL_RAD = 0.004  # standard deviation of the normal below which its curvature is beyond notice
+_SMALL = 0.003  # standard deviation of the ellipse over its semi-minor axis: the map is straight within less
 
 
 def curved_covariance(
@@ -35,9 +35,9 @@ def curved_covariance(
     K : (3, 3) array
     radius_m : float
     """
-    if float(np.max(np.trace(cov[:, 3:, 3:], axis1=1, axis2=2))) < _SMALL_RAD**2:
-        return cov
     values, vectors = np.linalg.eigh(shape_cov)
+    if not values[-1] > (_SMALL * ellipse[3]) ** 2:
+        return cov
     shifts = (vectors * (_STEP * np.sqrt(np.maximum(values, 0.0)))).T
     shape = shape_of_ellipse(ellipse)
     theta = np.concatenate([shape + shifts, shape - shifts])
