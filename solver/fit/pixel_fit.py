@@ -54,8 +54,8 @@ Array = NDArray[np.float64]
 _WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 # The local levels of `edges` follow shadows and highlights that smooth functions cannot. At this ratio of both
-# residuals (1 to 1.2 in smooth light) its edge points are more accurate.
-_UNEVEN = 1.35
+# residuals (1 to 1.2 in smooth light, 1.4 for an edge without blur) its edge points are more accurate.
+_UNEVEN = 1.5
 _ROUNDS = 3  # of leaving out sectors
 _ROUNDING_DN = 0.3
 _FLOOR_DN2 = 1e-4  # no sensor is free of noise: a thousandth of the rounding's variance 1/12
@@ -149,7 +149,9 @@ def _is_uneven(state: FitState, fit: _Fit) -> bool:
 
 
 def _needs_harmonics(state: FitState, fit: _Fit) -> bool:
-    return state.levels.shape[1] == SIZES[-1] and not any(fit.scene.clipped)
+    many = state.levels.shape[1] == SIZES[-1] and not any(fit.scene.clipped)
+    # In an image without noise they explain what the model rounds off.
+    return many and fit.edges.noise_dn > _ROUNDING_DN
 
 
 def _fit_of(
@@ -217,9 +219,9 @@ def _chosen(fit: _Fit, state: FitState) -> FitState:
 
     A wider edge is a blur that differs between directions, or a soft edge of the ink.
     """
-    extras = np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])
-    # With such a wide blur the level functions resemble the edge itself.
+    # With such a wide blur the level functions resemble the edge itself, and a soft edge of the ink the blur.
     wide = state.parameters[VARIANCE] > (_WIDE_BLUR * float(fit.edges.ellipse[3])) ** 2
+    extras = np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])[: 2 if wide else 3]
     for most in SIZES[2:] if not wide else SIZES[1:2]:
         most = min(most, fit.scene.basis.shape[1])
         # A clipped side does not show whether its light is even; the shades between do.

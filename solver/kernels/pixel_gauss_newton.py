@@ -37,6 +37,7 @@ CONVERGED, MOVED, UNDETERMINED, DIVERGED, UNSETTLED = range(5)
 MAX_STEPS = 20
 _SETTLED_PX, _SETTLED = 5e-4, 1e-3  # a last step of 5e-4 px, or of 3 % of its standard deviation
 _CLOSE_PX, _CLOSE = 0.02, 1.0  # within such a step the residuals are those of the noise
+_NEAR_PX = 0.1  # beyond, residuals are large, and a step is small against them whatever it does
 _RELINEARISE_PX = 0.04  # distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho
 _TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 _NEARLY_FLAT = 0.1  # fraction of the step
@@ -340,11 +341,11 @@ def gauss_newton(
         largest = max(moved_px, blurred_px)
         # The step in units of its own standard deviation, where the noise is what the residuals show.
         decrement /= progress[2] * progress[2]
-        close = largest < _CLOSE_PX or decrement < _CLOSE
+        close = largest < _CLOSE_PX or (decrement < _CLOSE and largest < _NEAR_PX)
         if close and progress[1] == 0.0:
             noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
             progress[1] = 1.0
-        elif progress[1] > 0.0 and (largest < _SETTLED_PX or decrement < _SETTLED):
+        elif progress[1] > 0.0 and (largest < _SETTLED_PX or (decrement < _SETTLED and close)):
             if ended:
                 inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse

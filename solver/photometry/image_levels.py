@@ -14,6 +14,7 @@ from roundel.scenes.camera.response_curve import LINEAR, ResponseCurve
 # Equal weights for arrays and datasets, whose sensors may have any primaries.
 EQUAL = (1 / 3, 1 / 3, 1 / 3)
 
+_ABOVE = 1.01  # of the largest value
 _LARGEST_LEVEL = 1e9  # beyond, squares and cubes of grey levels overflow float32
 _STRIP_ROWS = 512  # three float32 channels of a hundred megapixels would take 1.2 GB
 
@@ -88,11 +89,11 @@ def _checked(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
         full_scale = float(np.iinfo(pixels.dtype).max)
     else:
         # Real numbers and very wide integers have no saturation level of their own: the smallest of 1, 255 and 65,535
-        # that contains all values is used.
-        full_scale = next(v for v in (1.0, 255.0, 65535.0, largest) if v >= largest)
+        # that contains all values is used. Larger ones saturate nowhere, not at their own maximum.
+        full_scale = next(v for v in (1.0, 255.0, 65535.0, _ABOVE * largest) if v >= largest)
         pixels = pixels.astype(np.float64 if integers or pixels.dtype.itemsize > 4 else np.float32, copy=False)
         if max(-low, largest) > _LARGEST_LEVEL:
-            pixels, full_scale = pixels / pixels.dtype.type(max(-low, largest)), 1.0
+            pixels, full_scale = pixels / pixels.dtype.type(max(-low, largest)), _ABOVE
     if pixels.ndim == 3:
         pixels = pixels[..., 0] if pixels.shape[2] == 1 else pixels[..., :3]
     return pixels, full_scale

@@ -52,5 +52,6 @@ def curved_covariance(
         moved = np.concatenate([there.centre_m[rows, same], there.normal[rows, same]], axis=1)
         here = np.concatenate([poses.centre_m[i], poses.normal[i]])
         bent = (moved[:5] + moved[5:] - 2.0 * here) / 2.0 / _STEP**2  # half the second derivative, times the variance
+        bent[:, 3:] -= np.outer(bent[:, 3:] @ poses.normal[i], poses.normal[i])  # a normal has no error along itself
         out[i] += 2.0 * bent.T @ bent + np.outer(bent.sum(axis=0), bent.sum(axis=0))
     return out
