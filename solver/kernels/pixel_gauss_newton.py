@@ -338,7 +338,10 @@ def gauss_newton(
         total = largest_shift(table, jacobian, rows, parameters[:5], turned)
         if not total < _TRUST_PX:
             return DIVERGED, parameters, levels, inverse
-        largest = max(moved_px, blurred_px)
+        # A change of the levels, as the shift of the edge that would change its pixels as much.
+        height = max(abs(levels[1, 0] - levels[0, 0]), 1e-12)
+        lifted_px = max(abs(step[m]), abs(step[m + k])) / height * 2.5 * flank_px
+        largest = max(moved_px, blurred_px, lifted_px)
         # The step in units of its own standard deviation, where the noise is what the residuals show.
         decrement /= progress[2] * progress[2]
         close = largest < _CLOSE_PX or (decrement < _CLOSE and largest < _NEAR_PX)
