@@ -12,7 +12,7 @@ from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-NOTICE = "roundel: compiling the solver's inner loops (once after an installation, about ten seconds)"
+NOTICE = "roundel: compiling the solver's inner loops (once after an installation, about a minute)"
 
 
 def compiled(function: Function) -> Function:
