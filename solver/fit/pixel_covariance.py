@@ -31,7 +31,7 @@ class FitState:
         At which distances were computed, in undistorted pixel coordinates.
     table, jacobian : (N, 12), (N, 5) arrays
         The edge's pixels at that ellipse.
-    parameters : (18,) array
+    parameters : (17,) array
         See `pixel_equations`.
     levels : (2, k) array
     used : (m,) array of int
@@ -42,7 +42,7 @@ class FitState:
         Variance of a pixel inside and outside, dn^2.
     record : (N, 5) array
         Of the edge's pixels, see `pixel_equations`.
-    rows : (9,) array
+    rows : (8,) array
         Their times, see `pixel_equations`.
     """
 
@@ -84,8 +84,8 @@ class PixelFit(EllipseFit):
         Share of the contour that shows an edge, but not the ellipse's (an occluder, a shadow's edge), and was left out.
     rates : (5,) array
         Rates of (x, y, S11, S12, S22), px/s, if a rolling shutter was fitted; else zero.
-    rates_cov : (10, 10) array
-        Covariance of (x, y, S11, S12, S22) and their rates.
+    rates_cov : (5, 10) array
+        Covariance of the rates with (x, y, S11, S12, S22) and with themselves.
     row_zero_px : float
         The row, or column, for whose time the ellipse stands.
     """
@@ -163,14 +163,12 @@ def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     )
 
 
-def _with_rates(state: FitState, shape_cov: Array, scale: float) -> Array:
-    """Covariance (10, 10) of the shape and its rates; zero for rates that were not fitted."""
-    out = np.zeros((10, 10))
-    if np.any(state.used >= RATES):
-        at = np.array([*range(5), *np.flatnonzero(state.used >= RATES)])
-        out[:] = state.inverse[np.ix_(at, at)] * scale
-    out[:5, :5] = shape_cov
-    return out
+def _rates_cov(state: FitState, scale: float) -> Array:
+    """Covariance (5, 10) of the rates with the shape and themselves; zero if they were not fitted."""
+    rates = np.flatnonzero(state.used >= RATES)
+    if not len(rates):
+        return np.zeros((5, 10))
+    return np.asarray(state.inverse[np.ix_(rates, np.array([*range(5), *rates]))] * scale)
 
 
 def _sector_means(state: FitState, scene: PixelScene) -> Array:
@@ -241,6 +239,6 @@ def finished(
         clipped_fraction=scene.clipped_fraction,
         rejected_fraction=rejected_fraction,
         rates=state.parameters[RATES:].copy(),
-        rates_cov=_with_rates(state, shape_cov, raised * spread),
+        rates_cov=_rates_cov(state, raised * spread),
         row_zero_px=float(state.rows[1]),
     )

@@ -119,26 +119,25 @@ def fit_pixels(
     lens = camera if camera is not None and distorts(camera) else None
     pixels = np.ascontiguousarray(image, dtype=np.float32)
     trusted = edges.trusted
-    best: PixelFit | FailedFit = FailedFit(UNEVEN)
-    for turn in range(_ROUNDS):
+    rounds = 0
+    while True:
+        rounds += 1
         scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
         if isinstance(scene, FailedFit):
             return scene
-        fit = _fit_of(scene, edges, full_scale_dn, noise_floor, motion)
+        fit = _fit_of(scene, edges, noise_floor, motion)
         state = _settled(fit)
         if isinstance(state, FailedFit):
             return state
-        if turn == 0 and not any(scene.clipped) and _is_uneven(state, fit):
+        if rounds == 1 and not any(scene.clipped) and _is_uneven(state, fit):
             return FailedFit(UNEVEN)
         sectors = sectors_of(state, scene)
         width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
         bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.used, width)
-        if turn == _ROUNDS - 1 or not np.any(bad):
+        if rounds == _ROUNDS or not np.any(bad):
             rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
-            best = finished(state, scene, rejected, motion)
-            break
+            return finished(state, scene, rejected, motion)
         trusted = trusted & ~bad
-    return best
 
 
 def _is_uneven(state: FitState, fit: _Fit) -> bool:
@@ -157,16 +156,15 @@ def _needs_harmonics(state: FitState, fit: _Fit) -> bool:
 def _fit_of(
     scene: PixelScene,
     edges: EdgePoints,
-    full_scale_dn: float,
     noise_floor: Callable[[float], float] | None,
     motion: RowMotion | None,
 ) -> _Fit:
     contrast_dn, blur2 = abs(edges.contrast_dn), max(edges.blur_px, 0.3) ** 2
-    priors = np.array([0.0, 1.0, _INK * blur2, _UNEVEN_LIGHT * contrast_dn])
-    rows, base, rates = np.array([0.0, 0.0, full_scale_dn, *[0.0] * 6]), _BASE, np.zeros((5, 5))
+    priors = np.array([_INK * blur2, _UNEVEN_LIGHT * contrast_dn])
+    rows, base, rates = np.zeros(8), _BASE, np.zeros((5, 5))
     if motion is not None and motion.fitted:
         rows[:2] = motion.row_s, edges.ellipse[0 if motion.along_x else 1]
-        rows[3], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
+        rows[2], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
     constants = _constants(scene, edges)
     least = [_FLOOR_DN2 if noise_floor is None else max(noise_floor(level), _FLOOR_DN2) for level in constants]
     return _Fit(scene, edges, rows, np.array(least), priors, base, rates, constants)
@@ -289,6 +287,6 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
         jacobian, parameters = placed, parameters.copy()
         parameters[:5] = 0.0
         if rows[0] > 0 and scene.lens is None:  # with a lens, what the rates move stays linear
-            rows = np.array([*rows[:4], *parameters[RATES:]])
-            if not place_moving(table, theta, rows[4:], rows, jacobian):
+            rows = np.array([*rows[:3], *parameters[RATES:]])
+            if not place_moving(table, theta, rows[3:], rows, jacobian):
                 return FailedFit(_FAILURES[DIVERGED])

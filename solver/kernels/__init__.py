@@ -16,7 +16,7 @@ order_statistics: Quantiles of a few hundred values: a sort of our own compiles 
 pixel_equations: The normal equations of a fit to the pixels of a contour, in one pass over them
 pixel_gauss_newton: Gauss-Newton for the ellipse, blur and grey levels of a contour, until the distances have to be
     computed again
-response_curve: An edge after the sRGB curve, one pixel at a time
+response_curve: The sRGB curve, one level at a time
 sector_offsets: The offset of the edge in each sector of a contour, by Gauss-Newton with grey levels of the
     neighbourhood
 small_matrices: Symmetric positive definite systems of a few unknowns, by Cholesky: too small for BLAS and its

@@ -214,7 +214,7 @@ def place_moving(table: Array, shape: Array, rates: Array, rows: Array, jacobian
     """
     one = np.empty(5)
     for i in range(len(table)):
-        seconds = (table[i, X if rows[3] > 0.0 else Y] - rows[1]) * rows[0]
+        seconds = (table[i, X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
         s11, s12, s22 = (
             shape[2] + rates[2] * seconds,
             shape[3] + rates[3] * seconds,

@@ -28,7 +28,6 @@ from roundel.solver.kernels.contour_pixels import (
 from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_table
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
-from roundel.solver.kernels.response_curve import encoded_step
 from roundel.solver.kernels.sector_offsets import MIN_VARIANCE
 from roundel.solver.kernels.small_matrices import weighted_products
 
@@ -36,8 +35,8 @@ Array = NDArray[np.float64]
 
 # Parameters: change of the shape (x, y, S11, S12, S22); variance of the blur, its share of a disc, its gradient across
 # the marker, its smear (coefficients of cos and sin of twice the normal's direction); variance of the ink's own soft
-# edge at the semi-major axis; response curve (0 linear, 1 sRGB); rates of the shape, px/s.
-VARIANCE, DISC, GRADIENT, SMEAR, INK, CURVE, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 13, 18
+# edge at the semi-major axis; rates of the shape, px/s.
+VARIANCE, DISC, GRADIENT, SMEAR, INK, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 17
 
 # Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight, and 1 if
 # the pixel is clipped (its residual and weight are then those of its likelihood's tangent).
@@ -82,12 +81,12 @@ def pixel_equations(
         Level functions at the pixels, and their change along the normal, 1/px.
     clip_dn : float
         The level at which pixels clip.
-    rows : (9,) array
-        Time per row, s; the row of time zero; full scale of the response curve, dn; 1 if rows are columns, else 0; the
-        five rates of the shape with which the distances were computed.
+    rows : (8,) array
+        Time per row, s; the row of time zero; 1 if rows are columns, else 0; the five rates of the shape with which the
+        distances were computed.
     used : (m,) array
-        The parameters that are fitted, of 0 to 17, ascending; all of the shape come first.
-    parameters : (18,) array
+        The parameters that are fitted, of 0 to 16; those of shape and blur come first.
+    parameters : (17,) array
     levels : (2, k) array
         Coefficients of the first k functions, inside and outside.
     noise : (2,) array
@@ -106,13 +105,9 @@ def pixel_equations(
     m, k = len(used), levels.shape[1]
     size = m + 2 * k
     full, weights = np.zeros(PARAMETERS), np.empty(len(table))
-    variance, disc, ink, curve = parameters[VARIANCE], parameters[DISC], parameters[INK], parameters[CURVE]
+    variance, disc, ink = parameters[VARIANCE], parameters[DISC], parameters[INK]
     smear_x, smear_y = parameters[SMEAR], parameters[SMEAR + 1]
     smeared = smear_x != 0.0 or smear_y != 0.0
-    fits_curve = False
-    for j in range(m):
-        fits_curve = fits_curve or used[j] == CURVE
-    curved = fits_curve or curve != 0.0
     total = variance + PIXEL_VARIANCE
     # The shape of the blur is that of lens and ink together; only the lens blurs along the edge, too.
     wide = max(variance + ink, MIN_VARIANCE)
@@ -124,12 +119,12 @@ def pixel_equations(
         moving = moving or used[j] >= RATES
     for i in range(len(table)):
         pixel = table[i]
-        seconds = (pixel[X if rows[3] > 0.0 else Y] - rows[1]) * rows[0]
+        seconds = (pixel[X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
         distance = pixel[DISTANCE]
         for j in range(5):
             distance += jacobian[i, j] * parameters[j]
             if moving:
-                distance += jacobian[i, j] * (parameters[RATES + j] - rows[4 + j]) * seconds
+                distance += jacobian[i, j] * (parameters[RATES + j] - rows[3 + j]) * seconds
         bent = pixel[CURVATURE]
         z, drift = curved_distance(distance, bent, pixel[CURVATURE_SS], total)
         nx, ny = pixel[NORMAL_X], pixel[NORMAL_Y]
@@ -170,25 +165,18 @@ def pixel_equations(
         for j in range(k):
             low, high = low + basis[i, j] * levels[0, j], high + basis[i, j] * levels[1, j]
         height = high - low
-        stretch = 1.0
-        if curved:
-            step, steep = encoded_step(low, high, min(max(t, 0.0), 1.0), rows[2])
-            full[CURVE] = height * (step - t)
-            stretch = 1.0 + curve * (steep - 1.0)
-            t += curve * (step - t)
-        slope_dn = height * slope * stretch
+        slope_dn = height * slope
         for j in range(5):
             full[j] = jacobian[i, j] * slope_dn
             if moving:
                 full[RATES + j] = full[j] * seconds
-        by_blur = height * stretch
         full[VARIANCE], full[DISC], full[INK] = (
-            by_blur * widening,
-            by_blur * change,
-            by_blur * inking * support * support,
+            height * widening,
+            height * change,
+            height * inking * support * support,
         )
         full[GRADIENT], full[GRADIENT + 1] = place[i, 0] * full[VARIANCE], place[i, 1] * full[VARIANCE]
-        full[SMEAR], full[SMEAR + 1] = by_blur * smearing * turned_x, by_blur * smearing * turned_y
+        full[SMEAR], full[SMEAR + 1] = height * smearing * turned_x, height * smearing * turned_y
         for j in range(m):
             design[j, i] = full[used[j]]
         predicted = full[GRADIENT] * parameters[GRADIENT] + full[GRADIENT + 1] * parameters[GRADIENT + 1]

@@ -13,7 +13,6 @@ from roundel.solver.kernels.contour_pixels import CURVATURE, X, Y
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.pixel_equations import (
     CLIPPED,
-    CURVE,
     DISC,
     DISC_VARIANCE,
     GRADIENT,
@@ -158,14 +157,13 @@ def add_priors(
 ) -> None:
     """Add the prior knowledge of the parameters to the normal equations.
 
-    `priors` (4,) has the mean and the standard deviation of the response curve, that of the ink's soft edge, px^2, and
-    that of the level functions (but for the constants), dn;
-    `rates_information` (5, 5) is the inverse covariance of the rates, whose mean is zero.
+    All have mean zero. `priors` (2,) has the standard deviation of the ink's soft edge, px^2, and that of the level
+    functions (but for the constants), dn; `rates_information` (5, 5) is the inverse covariance of the rates.
     """
     width = max(parameters[VARIANCE], DISC_VARIANCE)
     for j in range(len(used)):
         p = used[j]
-        mean, sigma = 0.0, math.inf
+        sigma = math.inf
         if p == DISC:  # if the blur is small, the pixels do not determine its shape: it is then a Gaussian
             sigma = _DISC_SIGMA
         elif GRADIENT <= p < SMEAR:
@@ -173,12 +171,10 @@ def add_priors(
         elif SMEAR <= p < INK:
             sigma = _SMEAR * width
         elif p == INK:
-            sigma = priors[2]
-        elif p == CURVE:
-            mean, sigma = priors[0], priors[1]
+            sigma = priors[0]
         if sigma < math.inf:
             normal[j, j] += 1.0 / sigma**2
-            gradient[j] -= (parameters[p] - mean) / sigma**2
+            gradient[j] -= parameters[p] / sigma**2
         if p >= RATES:
             for i in range(len(used)):
                 if used[i] >= RATES:
@@ -189,8 +185,8 @@ def add_priors(
     for i in range(2):
         for j in range(1, k):
             at = len(used) + i * k + j
-            normal[at, at] += 1.0 / priors[3] ** 2
-            gradient[at] -= levels[i, j] / priors[3] ** 2
+            normal[at, at] += 1.0 / priors[1] ** 2
+            gradient[at] -= levels[i, j] / priors[1] ** 2
 
 
 @compiled
@@ -221,7 +217,7 @@ def largest_shift(table: Array, jacobian: Array, rows: Array, step: Array, rates
     """Largest change of a distance by a step of the shape and of its rates, px."""
     largest = 0.0
     for i in range(len(jacobian)):
-        seconds = (table[i, X if rows[3] > 0.0 else Y] - rows[1]) * rows[0]
+        seconds = (table[i, X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
         shift = 0.0
         for j in range(5):
             shift += jacobian[i, j] * (step[j] + rates[j] * seconds)
@@ -275,12 +271,11 @@ def gauss_newton(
     `progress` is (steps done, whether the noise was measured, robust scale): it carries over to the next call if the
     ellipse has moved so far that the distances have to be computed again.
 
-
     Returns
     -------
     status : int
         CONVERGED, MOVED (compute the distances again), UNDETERMINED, DIVERGED or UNSETTLED.
-    parameters, levels, inverse : (18,), (2, k), (m + 2 k, m + 2 k) arrays
+    parameters, levels, inverse : (17,), (2, k), (m + 2 k, m + 2 k) arrays
         The last is the inverse of the normal matrix.
     """
     m, k = len(used), levels.shape[1]
@@ -334,7 +329,7 @@ def gauss_newton(
             parameters, levels = wanted, wanted_levels
         else:
             parameters, levels = moved(parameters, levels, used, step, part)
-        turned[:] = parameters[RATES:] - rows[4:]
+        turned[:] = parameters[RATES:] - rows[3:]
         total = largest_shift(table, jacobian, rows, parameters[:5], turned)
         if not total < _TRUST_PX:
             return DIVERGED, parameters, levels, inverse

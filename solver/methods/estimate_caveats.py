@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from roundel.solver import caveats
 from roundel.solver.detect.detect import Detection
 from roundel.solver.fit.edge_fit import EdgeFit
@@ -15,8 +12,6 @@ from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.methods.roundel_fits import Detections, FallbackFit
 from roundel.solver.photometry.edge_levels import clipped_fraction, overshoots
-
-Array = NDArray[np.float64]
 
 _MISFIT = 1.5  # reduced chi-square that is reported; the covariance is widened where it is more than chance
 
@@ -64,7 +59,7 @@ def caveats_of(
 
 def _of_image(seen: Detections, detection: Detection) -> list[str]:
     photometry, words = seen.photometry, []
-    if _cut(detection.edges.ellipse, seen.grey.shape):
+    if detection.cut:
         words.append(caveats.BORDER)
     if not photometry.curve.known:
         words.append(caveats.CURVE_UNKNOWN)
@@ -77,11 +72,3 @@ def _of_image(seen: Detections, detection: Detection) -> list[str]:
     if photometry.toned:
         words.append(caveats.TONED)
     return words
-
-
-def _cut(ellipse: Array, shape: tuple[int, ...]) -> bool:
-    """Whether a contour leaves the image."""
-    x, y, a, b, angle_deg = ellipse
-    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-    wide, high = math.hypot(a * c, b * s), math.hypot(a * s, b * c)
-    return bool(x - wide < -0.5 or y - high < -0.5 or x + wide > shape[1] - 0.5 or y + high > shape[0] - 0.5)

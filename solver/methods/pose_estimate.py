@@ -65,7 +65,8 @@ def estimate_of(
         if isinstance(fit, PixelFit) and np.any(fit.rates) and uncertain.row_time is not None:
             camera, row_time = uncertain.camera, uncertain.row_time
             row_s = row_time.row_s(camera.width_px, camera.height_px)
-            moving = MovingEllipse(fit.ellipse, fit.rates, fit.rates_cov, fit.row_zero_px, row_s, row_time.along_x)
+            rates = fit.rates, fit.shape_cov, fit.rates_cov
+            moving = MovingEllipse(fit.ellipse, *rates, fit.row_zero_px, row_s, row_time.along_x)
             poses, cov = poses_at_centre_rows(poses, moving, camera, *known[1:])
         elif cov is not None:
             cov = curved_covariance(poses, cov, fit.ellipse, fit.shape_cov, uncertain.camera.K, diameter_m / 2)

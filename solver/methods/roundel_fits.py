@@ -124,9 +124,9 @@ def fit_detection(
 ) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
-    If the pixels do not determine an ellipse (too few, or most of them saturated), `pixels` falls back to the edge
-    points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the
-    covariance includes linear and sRGB levels.
+    If the light is too uneven for smooth grey levels, or the pixels do not determine an ellipse, `pixels` falls back to
+    the edge points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is
+    unknown, the covariance includes linear and sRGB levels.
     """
     photometry, blur_px = seen.photometry, detection.edges.blur_px
     sides = side_levels(seen.grey, detection.edges)
@@ -160,7 +160,7 @@ def _fit_of(
         instead = _fit_of(seen, detection, camera, "ml", motion, sides)
         if isinstance(instead, FailedFit):
             return instead
-        return FallbackFit(**{"rejected_fraction": 0.0, **vars(instead)}, reason=fit.reason)
+        return FallbackFit(**vars(instead), reason=fit.reason)
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # The points of a detection are only accurate enough to decide on it, so they are computed again.

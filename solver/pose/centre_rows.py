@@ -26,8 +26,10 @@ class MovingEllipse:
         At the time of the row `row_zero_px`.
     rates : (5,) array
         Of its x, y, S11, S12, S22, px/s.
-    cov : (10, 10) array
-        Of the shape and the rates.
+    shape_cov : (5, 5) array
+        Of the shape.
+    rates_cov : (5, 10) array
+        Of the rates with the shape, and with themselves.
     row_zero_px, row_s : float
         The row, or column, and the delay from one to the next.
     along_x : bool
@@ -36,7 +38,8 @@ class MovingEllipse:
 
     ellipse: Array
     rates: Array
-    cov: Array
+    shape_cov: Array
+    rates_cov: Array
     row_zero_px: float
     row_s: float
     along_x: bool
@@ -44,9 +47,9 @@ class MovingEllipse:
     def at(self, row_px: float) -> tuple[Array, Array]:
         """Ellipse (5,) and covariance (5, 5) of its shape at the time of a row."""
         time_s = (row_px - self.row_zero_px) * self.row_s
-        carried = np.concatenate([np.eye(5), time_s * np.eye(5)], axis=1)
         shape = shape_of_ellipse(self.ellipse) + time_s * self.rates
-        return ellipse_of_shape(shape), carried @ self.cov @ carried.T
+        crossed, own = time_s * self.rates_cov[:, :5], time_s**2 * self.rates_cov[:, 5:]
+        return ellipse_of_shape(shape), self.shape_cov + crossed + crossed.T + own
 
 
 def poses_at_centre_rows(

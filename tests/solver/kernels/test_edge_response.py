@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.scenes.geometry import edge_spread_function as reference
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.kernels.contour_pixels import curvatures, foot_point
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
-from roundel.solver.kernels.response_curve import encoded_step
+from roundel.solver.kernels.response_curve import srgb_encoded
 from roundel.solver.kernels.small_matrices import inverse_of, weighted_products
 
 
@@ -83,12 +84,6 @@ def test_a_singular_matrix_has_no_inverse():
     assert not inverse_of(np.array([[1.0, 0.0], [0.0, np.nan]]), np.empty((2, 2)))
 
 
-def test_encoded_step():
-    def encoded(light):
-        return 255 * (12.92 * light if light <= 0.0031308 else 1.055 * light ** (1 / 2.4) - 0.055)
-
-    low, high, middle = encoded(0.05), encoded(0.8), encoded(0.05 + 0.3 * 0.75)
-    share, slope = encoded_step(low, high, 0.3, 255.0)
-    assert share == pytest.approx((middle - low) / (high - low), abs=1e-12)
-    step = 1e-6
-    assert slope == pytest.approx((encoded_step(low, high, 0.3 + step, 255.0)[0] - share) / step, rel=1e-5)
+def test_srgb():
+    light = np.linspace(0, 1, 101)
+    assert np.allclose([srgb_encoded(v) for v in light], linear_to_srgb(light), atol=1e-12)
