@@ -20,15 +20,25 @@ Array = NDArray[np.float64]
 
 _FAR = 4.5  # sigmas of a single sector's offset, or of the mean of a run
 _RUNS = np.array([0, 1, 3])  # neighbours on either side
-_LOUD = 4.0  # mean square of a sector's residuals, in medians of all
+_LOUD = 3.0  # mean square of residuals over what chance allows: sharp edges fit some directions worse than others
 _FEWEST, _LEAST = 12, 0.4  # sectors that are left, and their share of those with an offset
 _FIRST, _LAST = 3, 8  # harmonics of the direction
 _PRIOR = 8.0  # degrees of freedom by which an excess is taken to be none
 
 
 @compiled
+def _chance(number: float, sigmas: float) -> float:
+    """Mean square of so many normal numbers, that chance exceeds as rarely as a normal number exceeds these sigmas.
+
+    Source: E. B. Wilson, M. M. Hilferty, The distribution of chi-square, PNAS 17 (1931).
+    """
+    share = 2.0 / (9.0 * max(number, 1.0))
+    return max(1.0 - share + sigmas * math.sqrt(share), 0.1) ** 3
+
+
+@compiled
 def deviating_sectors(
-    offset: Array, sigma: Array, square: Array, used: NDArray[np.bool_], width: int
+    offset: Array, sigma: Array, square: Array, pixels: Array, used: NDArray[np.bool_], width: int
 ) -> NDArray[np.bool_]:
     """Sectors that do not belong to the ellipse or whose pixels do not match the model.
 
@@ -36,8 +46,8 @@ def deviating_sectors(
     ----------
     offset, sigma : (S,) arrays
         Offset of the edge from the ellipse in each sector, in the order of the contour, and its standard deviation, px.
-    square : (S,) array
-        Mean square of the residuals of each sector's pixels, in any unit.
+    square, pixels : (S,) arrays
+        Sum of the squared residuals of each sector's pixels, in any unit, and their number.
     used : (S,) array of bool
         Sectors that have an offset.
     width : int
@@ -55,15 +65,19 @@ def deviating_sectors(
         number += used[i]
     if number < _FEWEST:
         return none
-    z, sizes, loud = np.zeros(count), np.empty(number), np.empty(number)
-    n = 0
+    z, sizes, noise, shares = np.zeros(count), np.empty(number), np.zeros(count), np.zeros(count)
+    n, loud = 0, np.empty(number)
     for i in range(count):
         if used[i]:
             z[i] = offset[i] / sigma[i]
-            sizes[n], loud[n] = abs(z[i]), square[i]
+            for k in range(-1, 2):  # a sharp edge has two pixels a sector: three sectors tell noise from more
+                j = (i + k) % count
+                if used[j]:
+                    noise[i], shares[i] = noise[i] + square[j], shares[i] + pixels[j]
+            sizes[n], loud[n] = abs(z[i]), noise[i] / max(shares[i], 1.0) / _chance(shares[i], 0.0)
             n += 1
     limit = _FAR * max(1.0, 1.4826 * median(sizes))
-    noisy = _LOUD * median(loud)
+    typical = median(loud)
     found = False
     for i in range(count):
         if not used[i]:
@@ -74,7 +88,7 @@ def deviating_sectors(
                 j = (i + k) % count
                 total, terms = total + z[j], terms + used[j]
             bad[i] = bad[i] or abs(total) > limit * math.sqrt(terms)
-        bad[i] = bad[i] or square[i] > noisy
+        bad[i] = bad[i] or noise[i] > _LOUD * typical * _chance(shares[i], _FAR) * max(shares[i], 1.0)
         found = found or bad[i]
     if not found:
         return none

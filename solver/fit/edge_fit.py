@@ -50,13 +50,13 @@ def fit_edges(
     -------
     EdgeFit or FailedFit
     """
-    keep = np.ones(len(points_px), bool)
+    keep, ones = np.ones(len(points_px), bool), np.ones(len(points_px))
     fit = fit_ellipse(points_px, sigma_px)
     for _ in range(_ROUNDS):
         if isinstance(fit, FailedFit):
             return fit
         distance = _rows(fit, points_px)[5]
-        bad = deviating_sectors(distance, sigma_px, np.ones(len(keep)), keep, 1)
+        bad = deviating_sectors(distance, sigma_px, ones, ones, keep, 1)  # no pixels: offsets alone
         if not np.any(bad):
             break
         keep &= ~bad

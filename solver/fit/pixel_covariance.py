@@ -122,8 +122,8 @@ class Sectors:
     ----------
     offset, sigma : (S,) arrays
         Offset of the edge outward from the ellipse and its standard deviation, px; infinite without pixels.
-    square : (S,) array
-        Mean square of the edge's residuals over their noise.
+    square, pixels : (S,) arrays
+        Sum of the edge's squared residuals over their noise, and the number of its pixels.
     used : (S,) array of bool
         Sectors with enough of the edge.
     shape : (S, 5) array
@@ -133,6 +133,7 @@ class Sectors:
     offset: Array
     sigma: Array
     square: Array
+    pixels: Array
     used: NDArray[np.bool_]
     shape: Array
 
@@ -151,13 +152,15 @@ def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     used = known > 1e-3 * float(np.max(known, initial=0.0))
     whole = np.where(used, known, 1.0)
     noise = state.noise[0] + (state.noise[1] - state.noise[0]) * state.record[:, SHARE]
-    square = state.record[:, RESIDUAL] ** 2 / noise * (steep & (state.record[:, CLIPPED] == 0))
+    steep &= state.record[:, CLIPPED] == 0
+    square = state.record[:, RESIDUAL] ** 2 / noise * steep
     shape = np.stack([summed(information * column) for column in state.jacobian.T], axis=1) / whole[:, None]
     # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
     return Sectors(
         np.where(used, -offset / whole, 0.0),
         np.where(used, 1.0 / np.sqrt(whole), np.inf),
-        summed(square) / np.maximum(summed(steep.astype(np.float64)), 1.0),
+        summed(square),
+        summed(steep.astype(np.float64)),
         used,
         shape,
     )

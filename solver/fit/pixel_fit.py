@@ -133,7 +133,7 @@ def fit_pixels(
             return FailedFit(UNEVEN)
         sectors = sectors_of(state, scene)
         width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
-        bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.used, width)
+        bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.pixels, sectors.used, width)
         if rounds == _ROUNDS or not np.any(bad):
             rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
             return finished(state, scene, rejected, motion)

@@ -224,7 +224,7 @@ def caveat_table(summary: Summary) -> Table:
     rows = tuple((m, ", ".join(labels), what, n, of) for (m, what, n, of), labels in grouped.items())
     note = (
         "What the methods' models did not hold for, by their own account; the sentences of each detection are in the "
-        "column `caveats` of the estimates."
+        "column caveats of the estimates."
     )
     return Table("caveats", "Caveats", columns, rows, note)
 

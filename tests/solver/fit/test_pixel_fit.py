@@ -203,3 +203,33 @@ def test_disc_of_confusion():
     # 400,000 points: 0.0008; the Gaussian is wrong by 0.02.
     assert np.abs(disc - measured).max() < 0.003
     assert np.abs(gauss - measured).max() > 0.01
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 0.5, 1.5])
+def test_a_clean_contour_loses_no_sector(blur_px):
+    ellipse = centred(60.0, 45.0)
+    assert fitted(exposed(clean(ellipse, blur_px), 5), ellipse).rejected_fraction == 0.0
+
+
+def test_print_that_touches_the_contour_is_left_out():
+    ellipse = centred(40.0, 33.0)
+    image = clean(ellipse, 0.6)
+    # A grey tab of 8 px that grows out of the disc to the right: its sectors have an edge, but not the circle's.
+    x, y = round(ellipse[0] + ellipse[2]), round(ellipse[1])
+    image[y - 3 : y + 15, x - 6 : x + 3] = 30.0
+    fit = fitted(exposed(image, 6), ellipse)
+    error = shape_of_ellipse(fit.ellipse) - shape_of_ellipse(ellipse)
+    assert error @ np.linalg.solve(fit.shape_cov, error) < 20.5  # chi-square of 5, one in a thousand
+
+
+def test_clipped_paper_keeps_the_ellipse_and_says_how_much_is_clipped():
+    ellipse = centred(30.0, 22.0)
+    image = exposed(clean(ellipse, 0.7, 40.0, 400.0), 7)  # paper at 1.6 times the range
+    fit = fitted(image, ellipse)
+    assert 0.3 < fit.clipped_fraction < 0.8
+    error = shape_of_ellipse(fit.ellipse) - shape_of_ellipse(ellipse)
+    assert error @ np.linalg.solve(fit.shape_cov, error) < 20.5
+    # Taken as levels, clipped pixels displace the edge by half a pixel.
+    plain = fit_pixels(image, edge_points(image, ellipse + GUESS, 1e6), None, 1e6)
+    biased = shape_of_ellipse(plain.ellipse) - shape_of_ellipse(ellipse)
+    assert np.abs(error).max() < 0.3 * np.abs(biased).max()
