@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _FAR = 4.5  # sigmas of a single sector's offset, or of the mean of a run
 _RUNS = np.array([0, 1, 3])  # neighbours on either side
-_LOUD = 3.0  # mean square of residuals over what chance allows: sharp edges fit some directions worse than others
+_LOUD = 1.5  # mean square of residuals over what chance allows: sharp edges fit some directions worse than others
 _FEWEST, _LEAST = 12, 0.4  # sectors that are left, and their share of those with an offset
 _FIRST, _LAST = 3, 8  # harmonics of the direction
 _PRIOR = 8.0  # degrees of freedom by which an excess is taken to be none
