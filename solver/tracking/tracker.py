@@ -34,6 +34,7 @@ from roundel.solver.methods.roundel_fits import (
     fit_detection,
     with_estimated_curve,
 )
+from roundel.solver.methods.shutter_motion import motion_of
 from roundel.solver.photometry.image_levels import EQUAL, averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
 from roundel.solver.pose.pose_covariance import poses_with_covariance
@@ -266,7 +267,8 @@ class Tracker:
     def _measure(
         self, track: _Track, seen: Detections, detection: Detection, uncertain: UncertainCamera, key: EstimateKey
     ) -> None:
-        fit = fit_detection(seen, detection, uncertain.camera, DEFAULT_METHOD)
+        motion = motion_of(uncertain, detection.edges.ellipse, self._diameter_m / 2)
+        fit = fit_detection(seen, detection, uncertain.camera, DEFAULT_METHOD, motion)
         estimate = estimate_of(fit, uncertain, self._diameter_m, self._knowledge, key, detection, seen)
         shape_cov = fit.shape_cov if isinstance(fit, EllipseFit) and np.all(np.isfinite(fit.shape_cov)) else None
         if track.frames:
