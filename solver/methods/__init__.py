@@ -2,6 +2,7 @@
 
 estimate_caveats: Caveats of an estimate: numbers and sentences about how well its model holds, from its fit and its
     image
+fit_poses: Both poses, with covariance, of the ellipses that were fitted in a frame, all at once
 locate: `locate`: the circles of one image, given as an array, with both poses of each
 opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
     would write them
@@ -10,7 +11,7 @@ plugin: The plug-in interface for third-party methods: `View` in, `Found` out, a
 pose_estimate: The `Estimate` of one fitted ellipse: both poses, covariance, and the choice between them
 registry: All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`
 roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five fits
-shutter_motion: The motion of a detection during the readout of its camera, as the fits take it
+shutter_motion: The motion of detections during the readout of its camera, as the fits take it
 solve: Solve a dataset: every frame with every method and every intrinsics label, into one file
 solve_image: The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it
 solved_parts: Results of blocks of frames as they come: parts on disk, joined into the final files at the end

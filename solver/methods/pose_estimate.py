@@ -16,31 +16,29 @@ from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.estimate_caveats import caveats_of
+from roundel.solver.methods.fit_poses import Posed
 from roundel.solver.methods.roundel_fits import Detections
-from roundel.solver.pose.centre_rows import MovingEllipse, poses_at_centre_rows
-from roundel.solver.pose.pose_covariance import poses_with_covariance
-from roundel.solver.pose.pose_curvature import curved_covariance
 
 Array = NDArray[np.float64]
 
 
 def estimate_of(
     fit: EllipseFit | FailedFit,
+    posed: Posed | FailedFit,
     uncertain: UncertainCamera,
-    diameter_m: float,
     knowledge: Knowledge,
     key: EstimateKey,
     detection: Detection | None = None,
     seen: Detections | None = None,
 ) -> Estimate:
-    """Both poses of a fitted ellipse.
+    """Both poses of a fitted ellipse, and the choice between them.
 
     Parameters
     ----------
     fit : EllipseFit or FailedFit
+    posed : (CirclePoses, array) or FailedFit
+        Its poses and their covariance, see `poses_of_fits`.
     uncertain : UncertainCamera
-        Its standard deviations enter the covariance.
-    diameter_m : float
     knowledge : str, Evidence, a sequence of them, or None
         See `choose`.
     key : EstimateKey
@@ -59,19 +57,9 @@ def estimate_of(
     if isinstance(fit, PixelFit):
         about |= {"contrast_dn": fit.contrast_dn, "blur_px": fit.blur_px}
     ellipse = Ellipse.from_array(fit.ellipse)
-    known = uncertain.camera.K, diameter_m / 2, uncertain.focal_sigma, uncertain.principal_sigma_px
-    try:
-        poses, cov = poses_with_covariance(fit.ellipse, fit.shape_cov, *known)
-        if isinstance(fit, PixelFit) and np.any(fit.rates) and uncertain.row_time is not None:
-            camera, row_time = uncertain.camera, uncertain.row_time
-            row_s = row_time.row_s(camera.width_px, camera.height_px)
-            rates = fit.rates, fit.shape_cov, fit.rates_cov
-            moving = MovingEllipse(fit.ellipse, *rates, fit.row_zero_px, row_s, row_time.along_x)
-            poses, cov = poses_at_centre_rows(poses, moving, camera, *known[1:])
-        elif cov is not None:
-            cov = curved_covariance(poses, cov, fit.ellipse, fit.shape_cov, uncertain.camera.K, diameter_m / 2)
-    except ValueError as error:
-        return Estimate(*key, status="failed", reason=str(error), ellipse=ellipse, camera=uncertain.camera, **about)
+    if isinstance(posed, FailedFit):
+        return Estimate(*key, status="failed", reason=posed.reason, ellipse=ellipse, camera=uncertain.camera, **about)
+    poses, cov = posed
     shape_cov = fit.shape_cov if np.all(np.isfinite(fit.shape_cov)) else None
     image = None if seen is None else seen.grey
     observation = Observation(

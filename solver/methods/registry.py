@@ -20,6 +20,7 @@ from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.fit_poses import poses_of_fits
 from roundel.solver.methods.plugin import Checked, Finder, View, check_found
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.roundel_fits import METHODS
@@ -163,7 +164,8 @@ def _estimate(
         # Roundel computes both poses; the method gave no covariance for its ellipse.
         unknown = np.full((5, 5), np.nan)
         fit = EllipseFit(found.ellipse, unknown, float("nan"), 0, unknown, np.empty(0))
-        made = estimate_of(fit, uncertain, diameter_m, knowledge, key)
+        (posed,) = poses_of_fits([fit], uncertain, diameter_m / 2)
+        made = estimate_of(fit, posed, uncertain, knowledge, key)
         return replace(
             made,
             edge_points=None,

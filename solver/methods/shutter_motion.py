@@ -1,4 +1,4 @@
-"""The motion of a detection during the readout of its camera, as the fits take it."""
+"""The motion of detections during the readout of its camera, as the fits take it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from roundel.solver.pose.shape_rates import shape_rate_covariance
 Array = NDArray[np.float64]
 
 
-def motion_of(uncertain: UncertainCamera, ellipse: Array, radius_m: float) -> RowMotion | None:
-    """Readout and prior of the ellipse's rates; None for a global shutter, or if the ellipse has no pose.
+def motions_of(uncertain: UncertainCamera, ellipses: Array, radius_m: float) -> list[RowMotion | None]:
+    """Readout and prior of the rates of each ellipse (N, 5); None for a global shutter, or an ellipse without a pose.
 
     A declared shutter is fitted; the assumed one of an unknown camera only widens the covariance.
     """
     row_time, camera = uncertain.row_time, uncertain.camera
-    if row_time is None or row_time.readout_s == 0:
-        return None
+    if row_time is None or row_time.readout_s == 0 or not len(ellipses):
+        return [None] * len(ellipses)
     try:
-        covariance = shape_rate_covariance(ellipse, camera.K, radius_m, row_time)
+        covariances = shape_rate_covariance(ellipses, camera.K, radius_m, row_time)
     except ValueError:
-        return None
-    row_s = row_time.row_s(camera.width_px, camera.height_px)
-    return RowMotion(row_s, covariance, row_time.along_x, not is_assumed(row_time))
+        one_by_one = ([None] if len(ellipses) == 1 else motions_of(uncertain, e[None], radius_m) for e in ellipses)
+        return [motion for motions in one_by_one for motion in motions]
+    row_s, fitted = row_time.row_s(camera.width_px, camera.height_px), not is_assumed(row_time)
+    return [RowMotion(row_s, covariance, row_time.along_x, fitted) for covariance in covariances]
 
 
 def shutter_key(uncertain: UncertainCamera) -> tuple[object, ...] | None:

@@ -17,11 +17,12 @@ from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.fit_poses import poses_of_fits
 from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.registry import run_plugin
 from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points, with_estimated_curve
-from roundel.solver.methods.shutter_motion import motion_of, shutter_key
+from roundel.solver.methods.shutter_motion import motions_of, shutter_key
 from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
@@ -129,7 +130,8 @@ def _fits(given: SolverInput, methods: list[str]) -> tuple[dict[tuple[str, str],
     found = seen.detections
 
     def fit(uncertain: UncertainCamera, method: str) -> Fits:
-        motions = [motion_of(uncertain, d.edges.ellipse, given.diameter_m / 2) for d in found]
+        ellipses = np.array([d.edges.ellipse for d in found]).reshape(-1, 5)
+        motions = motions_of(uncertain, ellipses, given.diameter_m / 2)
         return [fit_detection(seen, d, uncertain.camera, method, m) for d, m in zip(found, motions, strict=True)]
 
     fits = _shared(given, methods, fit)
@@ -161,7 +163,8 @@ def _poses(
     if not fits:
         key = EstimateKey(given.frame_id, NOT_FOUND, *of)
         return [Estimate(*key, "failed", NO_CIRCLE, camera=camera.camera)]
+    poses = poses_of_fits(fits, camera, given.diameter_m / 2)
     return [
-        estimate_of(fit, camera, given.diameter_m, knowledge, EstimateKey(given.frame_id, n, *of), detection, seen)
-        for n, (fit, (detection, seen)) in enumerate(zip(fits, about, strict=True))
+        estimate_of(fit, posed, camera, knowledge, EstimateKey(given.frame_id, n, *of), detection, seen)
+        for n, (fit, posed, (detection, seen)) in enumerate(zip(fits, poses, about, strict=True))
     ]

@@ -21,37 +21,45 @@ _SMALL = 0.003  # standard deviation of the ellipse over its semi-minor axis: th
 def curved_covariance(
     poses: CirclePoses, cov: Array, ellipse: Array, shape_cov: Array, K: Array, radius_m: float
 ) -> Array:
-    """Covariance (2, 6, 6) about the poses, to second order in the main directions of the ellipse's error.
+    """Covariance (..., 2, 6, 6) about the poses, to second order in the main directions of the ellipse's error.
 
     Parameters
     ----------
     poses : CirclePoses
-        Of the ellipse, (2, 3) each.
-    cov : (2, 6, 6) array
+        Of the ellipse, (..., 2, 3) each.
+    cov : (..., 2, 6, 6) array
         Of (centre, normal), to first order.
-    ellipse : (5,) array
-    shape_cov : (5, 5) array
+    ellipse : (..., 5) array
+    shape_cov : (..., 5, 5) array
         Covariance of (x, y, S11, S12, S22), px.
     K : (3, 3) array
     radius_m : float
     """
     values, vectors = np.linalg.eigh(shape_cov)
-    if not values[-1] > (_SMALL * ellipse[3]) ** 2:
+    wide = values[..., -1] > (_SMALL * ellipse[..., 3]) ** 2
+    if not np.any(wide):
         return cov
-    shifts = (vectors * (_STEP * np.sqrt(np.maximum(values, 0.0)))).T
-    shape = shape_of_ellipse(ellipse)
-    theta = np.concatenate([shape + shifts, shape - shifts])
-    if np.any(theta[:, 2] * theta[:, 4] <= theta[:, 3] ** 2) or np.any(theta[:, 2] <= 0):
-        return cov  # so wide that no ellipse is left: the linear one is as good as any
-    there = poses_from_ellipse(ellipse_of_shape(theta), K, radius_m)
+    shifts = np.swapaxes(vectors[wide], -1, -2) * (_STEP * np.sqrt(np.maximum(values[wide], 0.0)))[..., None]
+    shape = shape_of_ellipse(ellipse[wide])[:, None]
+    theta = np.concatenate([shape + shifts, shape - shifts], axis=1)
+    # If the error is so wide that no ellipse is left, the linear covariance is as good as any.
+    some = np.all((theta[..., 2] * theta[..., 4] > theta[..., 3] ** 2) & (theta[..., 2] > 0), axis=1)
+    wide[wide] = some
+    if not np.any(some):
+        return cov
+    there = poses_from_ellipse(ellipse_of_shape(theta[some]), K, radius_m)
+    normal, centre = poses.normal[wide], poses.centre_m[wide]
+    # The same candidate: near-frontal ones may change their order.
+    same = np.argmax(normal[:, None] @ np.swapaxes(there.normal, -1, -2), axis=-1)[..., None]
+    moved = np.concatenate(
+        [np.take_along_axis(of, same, axis=-2) for of in (there.centre_m, there.normal)], axis=-1
+    )  # (n, 10, 2, 6)
+    here = np.concatenate([centre, normal], axis=-1)[:, None]
+    # Half the second derivative, times the variance.
+    bent = np.swapaxes(moved[:, :5] + moved[:, 5:] - 2.0 * here, 1, 2) / 2.0 / _STEP**2
+    # A normal has no error along itself.
+    bent[..., 3:] -= (bent[..., 3:] @ normal[..., None]) * normal[..., None, :]
+    total = bent.sum(axis=-2)
     out = cov.copy()
-    for i in range(2):
-        # The same candidate: near-frontal ones may change their order.
-        same = np.argmax(there.normal @ poses.normal[i], axis=1)
-        rows = np.arange(len(theta))
-        moved = np.concatenate([there.centre_m[rows, same], there.normal[rows, same]], axis=1)
-        here = np.concatenate([poses.centre_m[i], poses.normal[i]])
-        bent = (moved[:5] + moved[5:] - 2.0 * here) / 2.0 / _STEP**2  # half the second derivative, times the variance
-        bent[:, 3:] -= np.outer(bent[:, 3:] @ poses.normal[i], poses.normal[i])  # a normal has no error along itself
-        out[i] += 2.0 * bent.T @ bent + np.outer(bent.sum(axis=0), bent.sum(axis=0))
+    out[wide] += 2.0 * np.swapaxes(bent, -1, -2) @ bent + total[..., :, None] * total[..., None, :]
     return out

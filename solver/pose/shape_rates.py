@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.row_time import RowTime
-from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
-from roundel.solver.fit.ellipse import shape_of_ellipse
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 
 Array = NDArray[np.float64]
 
 _STEP = 1e-4  # rad, and radii: central differences are then good to 1e-7
+_AXES = np.eye(3)[:, None] * [[_STEP], [-_STEP]]  # (3, 2, 3)
 
 
 def shape_rate_covariance(ellipse: Array, K: Array, radius_m: float, row_time: RowTime) -> Array:
@@ -20,41 +19,52 @@ def shape_rate_covariance(ellipse: Array, K: Array, radius_m: float, row_time: R
 
     Parameters
     ----------
-    ellipse : (5,) array
+    ellipse : (..., 5) array
     K : (3, 3) array
     radius_m : float
     row_time : RowTime
 
     Returns
     -------
-    (5, 5) array
+    (..., 5, 5) array
         Of the rates of (x, y, S11, S12, S22), px/s.
 
     Raises
     ------
     ValueError
-        If the ellipse has no pose.
+        If an ellipse has no pose.
     """
     poses = poses_from_ellipse(ellipse, K, radius_m)
-    normal, centre = poses.normal, poses.centre_m / radius_m
-    # Two candidates, six twists, two directions: the unit circle after a shift along, or a turn about, each axis.
-    steps = np.concatenate([np.eye(3), np.eye(3)]) * _STEP
-    steps = np.stack([steps, -steps], axis=1)
-    turned = np.zeros((2, 6, 2, 3, 3))
-    shifted = np.broadcast_to(centre[:, None, None], (2, 6, 2, 3)).copy()
-    shifted[:, :3] += steps[:3]
-    shifted[:, 3:] += np.cross(steps[3:], centre[:, None, None])
-    turned[..., 2] = normal[:, None, None]
-    turned[:, 3:, :, :, 2] += np.cross(steps[3:], normal[:, None, None])
-    turned[..., 2] /= np.linalg.norm(turned[..., 2], axis=-1, keepdims=True)
-    aside = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])[:, None, None]
-    turned[..., 0] = np.cross(turned[..., 2], aside)
-    turned[..., 0] /= np.linalg.norm(turned[..., 0], axis=-1, keepdims=True)
-    turned[..., 1] = np.cross(turned[..., 2], turned[..., 0])
-    pose = np.zeros((2, 6, 2, 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = turned, shifted, 1.0
-    shape = shape_of_ellipse(ellipse_of_conic(conic_of_circle(pose, 1.0, K)))
+    normal, centre = poses.normal[..., None, None, :], poses.centre_m[..., None, None, :] / radius_m
+    # Six twists in two directions: a shift along, and a turn about, each axis.
+    shape = image_shape(
+        np.concatenate([normal + 0.0 * _AXES, _turned(normal)], axis=-3),
+        np.concatenate([centre + _AXES, _turned(centre)], axis=-3),
+        K,
+    )
     sigma = row_time.twist_sigma
     sigma[:3] /= radius_m
-    rates = (shape[:, :, 0] - shape[:, :, 1]) / (2 * _STEP) * sigma[:, None]
-    return np.asarray(np.einsum("kij,kil->jl", rates, rates) / 2)
+    rates = (shape[..., 0, :] - shape[..., 1, :]) / (2 * _STEP) * sigma[:, None]
+    return np.asarray(np.mean(np.swapaxes(rates, -1, -2) @ rates, axis=-3))
+
+
+def _turned(vector: Array) -> Array:
+    """A vector (..., 1, 1, 3) after small turns about the axes, either way: (..., 3, 2, 3)."""
+    a, v = _AXES, vector
+    return np.asarray(v * np.cos(_STEP) + a[..., [1, 2, 0]] * v[..., [2, 0, 1]] - a[..., [2, 0, 1]] * v[..., [1, 2, 0]])
+
+
+def image_shape(normal: Array, centre: Array, K: Array) -> Array:
+    """The image (..., 5) x, y, S11, S12, S22 of unit circles, from normals and centres (..., 3).
+
+    Source: errata, section 2: the dual conic K (c c^T + n n^T - I) K^T.
+    """
+    c, n = centre @ K.T, normal @ K.T
+    dual = c[..., :, None] * c[..., None, :] + n[..., :, None] * n[..., None, :] - K @ K.T
+    dual /= dual[..., 2:, 2:]
+    x, y = dual[..., 0, 2], dual[..., 1, 2]
+    m11, m12, m22 = x * x - dual[..., 0, 0], x * y - dual[..., 0, 1], y * y - dual[..., 1, 1]
+    # The square root of a 2x2 matrix by its determinant and trace.
+    area = np.sqrt(m11 * m22 - m12 * m12)
+    scale = 1.0 / np.sqrt(m11 + m22 + 2.0 * area)
+    return np.stack([x, y, (m11 + area) * scale, m12 * scale, (m22 + area) * scale], axis=-1)

@@ -25,6 +25,7 @@ from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.edges import edge_points
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.fit_poses import poses_of_fits
 from roundel.solver.methods.locate import camera_of_image, checked_diameter
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.roundel_fits import (
@@ -34,7 +35,7 @@ from roundel.solver.methods.roundel_fits import (
     fit_detection,
     with_estimated_curve,
 )
-from roundel.solver.methods.shutter_motion import motion_of
+from roundel.solver.methods.shutter_motion import motions_of
 from roundel.solver.photometry.image_levels import EQUAL, averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
 from roundel.solver.pose.pose_covariance import poses_with_covariance
@@ -267,9 +268,10 @@ class Tracker:
     def _measure(
         self, track: _Track, seen: Detections, detection: Detection, uncertain: UncertainCamera, key: EstimateKey
     ) -> None:
-        motion = motion_of(uncertain, detection.edges.ellipse, self._diameter_m / 2)
+        motion = motions_of(uncertain, detection.edges.ellipse[None], self._diameter_m / 2)[0]
         fit = fit_detection(seen, detection, uncertain.camera, DEFAULT_METHOD, motion)
-        estimate = estimate_of(fit, uncertain, self._diameter_m, self._knowledge, key, detection, seen)
+        (posed,) = poses_of_fits([fit], uncertain, self._diameter_m / 2)
+        estimate = estimate_of(fit, posed, uncertain, self._knowledge, key, detection, seen)
         shape_cov = fit.shape_cov if isinstance(fit, EllipseFit) and np.all(np.isfinite(fit.shape_cov)) else None
         if track.frames:
             track.motion = track.motion.seen(detection.edges.ellipse, shape_cov)
