@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import (
-    COLUMNS,
     DISTANCE,
     NORMAL_X,
     NORMAL_Y,
     U_X,
     U_Y,
-    VALUE,
     arc_lengths,
     contour_pixels,
+    contour_profile,
     sector_centres,
 )
 from roundel.solver.kernels.order_statistics import median
@@ -49,23 +48,32 @@ OK, OUTSIDE, NO_INTERIOR, NO_EDGE, NOT_FLAT, FEW_SECTORS, NO_ELLIPSE, SHRINKS = 
 
 
 @compiled
-def reach_of(table: Array) -> tuple[int, float, float]:
+def reach_of(number: NDArray[np.int64], total: Array, low: float) -> tuple[int, float, float]:
     """How far the edge and a little plateau extend inward and outward, from the mean profile along the normal.
 
     It ends where the profile reverses, because another edge begins there (the inner circle of a ring, a nearby border).
+
+    Parameters
+    ----------
+    number, total : (bins,) arrays
+        See `contour_profile`.
+    low : float
+        Where its first bin begins, px.
+
+    Returns
+    -------
+    failure : int
+    inner, outer : float
     """
-    n = len(table)
-    if n < 4 * MIN_SECTORS:
+    first, end, pixels = -1, 0, 0
+    for k in range(len(number)):
+        pixels += number[k]
+        if number[k] > 0:
+            first, end = k if first < 0 else first, k + 1
+    if pixels < 4 * MIN_SECTORS:
         return OUTSIDE, 0.0, 0.0
-    low, high = table[0, DISTANCE], table[0, DISTANCE]
-    for i in range(n):
-        low, high = min(low, table[i, DISTANCE]), max(high, table[i, DISTANCE])
-    bins = int((high - low) / _PROFILE_STEP_PX) + 1
-    number, profile = np.zeros(bins), np.zeros(bins)
-    for i in range(n):
-        k = int((table[i, DISTANCE] - low) / _PROFILE_STEP_PX)
-        number[k] += 1
-        profile[k] += table[i, VALUE]
+    low, bins = low + first * _PROFILE_STEP_PX, end - first
+    number, profile = number[first:end], total[first:end].copy()
     last = -1  # empty bins are interpolated; the first and the last bin are never empty
     for k in range(bins):
         if number[k] > 0:
@@ -108,21 +116,6 @@ def reach_of(table: Array) -> tuple[int, float, float]:
             i += direction
         ends[side] = low + (i + 1) * _PROFILE_STEP_PX
     return OK, ends[0], ends[1]
-
-
-@compiled
-def _within(table: Array, starts: NDArray[np.int64], low: float, high: float) -> tuple[Array, NDArray[np.int64]]:
-    """The rows whose distance is within limits, still sorted by sector."""
-    kept, ends = np.empty_like(table), np.zeros_like(starts)
-    n = 0
-    for s in range(len(starts) - 1):
-        for i in range(starts[s], starts[s + 1]):
-            if low <= table[i, DISTANCE] <= high:
-                for j in range(COLUMNS):
-                    kept[n, j] = table[i, j]
-                n += 1
-        ends[s + 1] = n
-    return kept[:n], ends
 
 
 @compiled
@@ -226,11 +219,12 @@ def trace_contour(
     for turn in range(_MAX_ROUNDS):
         first = turn == 0
         count = max(MIN_SECTORS, round(arc_lengths(current[2], current[3])[-1] / SECTOR_PX))
-        table, starts = contour_pixels(image, current, low, high, count)
-        failure, inner, outer = reach_of(table)
+        inside = max(low, _PROFILE_STEP_PX * math.ceil(-0.9 * current[3] / _PROFILE_STEP_PX))
+        number, total = contour_profile(image, current, inside, high, _PROFILE_STEP_PX)
+        failure, inner, outer = reach_of(number, total, inside)
         if failure != OK:
             return failure, current, none[0], none[1], none[2], feet, about
-        table, starts = _within(table, starts, inner, outer)
+        table, starts = contour_pixels(image, current, inner, outer, count)
         if len(table) < 2 * count:
             return NOT_FLAT, current, none[0], none[1], none[2], feet, about
         low, high = inner - PLATEAU_PX, outer + PLATEAU_PX
