@@ -113,19 +113,64 @@ def shared_excess(offset: Array, sigma: Array, direction: Array, shape: Array) -
     shape : (S, 5) array
         Derivative of the offsets by the ellipse.
     """
-    last = min(_LAST, len(offset) // 6)
+    return _shared_excess(offset / sigma, shape / sigma[:, None], sigma, direction)
+
+
+@compiled
+def _shared_excess(known: Array, rows: Array, sigma: Array, direction: Array) -> float:
+    count = len(known)
+    last = min(_LAST, count // 6)
     if last < _FIRST:
         return 1.0
-    orders = np.arange(_FIRST, last + 1)
-    waves = np.concatenate([np.cos(direction[:, None] * orders), np.sin(direction[:, None] * orders)], axis=1)
-    rows = np.concatenate([shape, waves], axis=1) / sigma[:, None]
-    rows /= np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    known = offset / sigma
+    free = 2 * (last - _FIRST + 1)
+    columns, left = np.empty((5 + free, count)), known.copy()
+    for i in range(count):
+        for j in range(5):
+            columns[j, i] = rows[i, j]
+        for order in range(_FIRST, last + 1):
+            j = 5 + 2 * (order - _FIRST)
+            columns[j, i] = math.cos(order * direction[i]) / sigma[i]
+            columns[j + 1, i] = math.sin(order * direction[i]) / sigma[i]
     # The harmonics reduce the sum of squares by more than their number if errors are shared.
-    ends = [float(np.sum((known - r @ np.linalg.lstsq(r, known, rcond=1e-8)[0]) ** 2)) for r in (rows[:, :5], rows)]
-    free = 2 * len(orders)
-    excess = (ends[0] - ends[1]) / free
-    return max(1.0, (free * excess + _PRIOR) / (free + _PRIOR))
+    explained = 0.0
+    for j in range(5 + free):
+        length = _length(columns[j])
+        if not length > 0.0:
+            continue
+        for _ in range(2):  # the second time for the digits that the first one leaves
+            for k in range(j):
+                _subtract(columns[k], columns[j])
+        rest = _length(columns[j])
+        if rest < 1e-8 * length:  # what is left of the contour does not tell it from the others
+            columns[j, :] = 0.0
+            continue
+        along = 0.0
+        for i in range(count):
+            columns[j, i] /= rest
+            along += columns[j, i] * left[i]
+        for i in range(count):
+            left[i] -= along * columns[j, i]
+        if j >= 5:
+            explained += along * along
+    return max(1.0, (explained + _PRIOR) / (free + _PRIOR))
+
+
+@compiled
+def _length(column: Array) -> float:
+    total = 0.0
+    for i in range(len(column)):
+        total += column[i] * column[i]
+    return math.sqrt(total)
+
+
+@compiled
+def _subtract(unit: Array, column: Array) -> None:
+    """Remove from a column its part along a unit vector."""
+    along = 0.0
+    for i in range(len(column)):
+        along += unit[i] * column[i]
+    for i in range(len(column)):
+        column[i] -= along * unit[i]
 
 
 def direction_of(ellipse: Array, points_px: Array) -> Array:

@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.solver.fit.contour_sectors import deviating_sectors, direction_of, shared_excess
-from roundel.solver.fit.ellipse import EllipseFit, FailedFit, finished_fit, fit_ellipse, shape_of_ellipse
+from roundel.solver.fit.ellipse import (
+    MIN_POINTS,
+    EllipseFit,
+    FailedFit,
+    finished_fit,
+    fit_ellipse,
+    inverse_sigmas,
+    shape_of_ellipse,
+)
 from roundel.solver.fit.row_motion import RowMotion, widened
-from roundel.solver.kernels.ellipse_distances import shape_rows
+from roundel.solver.kernels.ellipse_distances import settled_shape, shape_rows
 
 Array = NDArray[np.float64]
 
@@ -31,7 +39,11 @@ class EdgeFit(EllipseFit):
 
 
 def fit_edges(
-    points_px: Array, sigma_px: Array, motion: RowMotion | None = None, image_px: Array | None = None
+    points_px: Array,
+    sigma_px: Array,
+    motion: RowMotion | None = None,
+    image_px: Array | None = None,
+    start: Array | None = None,
 ) -> EdgeFit | FailedFit:
     """Orthogonal-distance fit to the points of a contour.
 
@@ -45,26 +57,25 @@ def fit_edges(
         Of a rolling shutter; it widens the covariance.
     image_px : (N, 2) array, optional
         The points in the image, if lens distortion was removed from `points_px`.
+    start : (5,) array, optional
+        An ellipse close to the points.
 
     Returns
     -------
     EdgeFit or FailedFit
     """
     keep, ones = np.ones(len(points_px), bool), np.ones(len(points_px))
-    fit = fit_ellipse(points_px, sigma_px)
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS + 1):
+        fit = _fitted(points_px[keep], sigma_px[keep], start)
         if isinstance(fit, FailedFit):
             return fit
-        distance = _rows(fit, points_px)[5]
-        bad = deviating_sectors(distance, sigma_px, ones, ones, keep, 1)  # no pixels: offsets alone
-        if not np.any(bad):
+        start = fit.ellipse
+        rows = _rows(fit, points_px)
+        bad = deviating_sectors(rows[5], sigma_px, ones, ones, keep, 1)  # no pixels: offsets alone
+        if turn == _ROUNDS or not np.any(bad):
             break
         keep &= ~bad
-        fit = fit_ellipse(points_px[keep], sigma_px[keep], start=fit.ellipse)
-    if isinstance(fit, FailedFit):
-        return fit
-    rows = _rows(fit, points_px[keep])
-    shape, distance = rows[:5].T, rows[5]
+    shape, distance = rows[:5, keep].T, rows[5, keep]
     # The fit's variance is that of its residuals; what they share comes on top.
     scale = float(np.sqrt(np.mean((distance / sigma_px[keep]) ** 2)))
     direction = direction_of(fit.ellipse, points_px[keep])
@@ -75,6 +86,17 @@ def fit_edges(
         shape_cov = widened(shape_cov, shape, sigma_px[keep], motion.time_s(at, at.mean(axis=0)), motion)
     done = finished_fit(shape_of_ellipse(fit.ellipse), fit.residual_px, fit.sigma_px**2, shape_cov)
     return EdgeFit(**vars(done), rejected_fraction=1.0 - float(np.mean(keep)))
+
+
+def _fitted(points_px: Array, sigma_px: Array, start: Array | None) -> EllipseFit | FailedFit:
+    """As `fit_ellipse`, which takes over where the start is not close."""
+    inverse_sigma = inverse_sigmas(sigma_px, len(points_px))
+    if start is not None and len(points_px) > MIN_POINTS and not isinstance(inverse_sigma, FailedFit):
+        theta, rows, inverse = shape_of_ellipse(start), np.empty((6, len(points_px))), np.empty((5, 5))
+        if settled_shape(theta, points_px, inverse_sigma, rows, inverse):
+            variance = float(rows[5] @ rows[5]) / (len(points_px) - 5)
+            return finished_fit(theta, rows[5] / inverse_sigma, variance, inverse * variance)
+    return fit_ellipse(points_px, sigma_px, start=start)
 
 
 def _rows(fit: EllipseFit, points_px: Array) -> Array:

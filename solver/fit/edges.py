@@ -69,7 +69,11 @@ class EdgePoints:
 
 
 def edge_points(
-    image: NDArray[Any], ellipse: Array, full_scale_dn: float = 255.0, polish: bool = True
+    image: NDArray[Any],
+    ellipse: Array,
+    full_scale_dn: float = 255.0,
+    polish: bool = True,
+    known: EdgePoints | None = None,
 ) -> EdgePoints | FailedFit:
     """Find the edge points along an approximate ellipse, and fit an ellipse to them.
 
@@ -84,14 +88,17 @@ def edge_points(
     polish : bool
         Repeat until the ellipse moves by less than 0.005 px. Otherwise it is off by about 0.05 px: enough to decide
         whether there is a contour, and as a start for `fit_pixels`.
+    known : EdgePoints, optional
+        Of the same contour, to start from its blur and its reach.
 
     Returns
     -------
     EdgePoints or FailedFit
     """
     pixels = np.ascontiguousarray(image, dtype=np.float32)
-    start = np.array(ellipse, dtype=np.float64)
-    failure, after, points, sigma, good, feet, about = trace_contour(pixels, start, float(full_scale_dn), polish)
+    start, full = np.array(ellipse, dtype=np.float64), float(full_scale_dn)
+    before = np.zeros(3) if known is None else np.array([max(known.blur_px, 1e-3) ** 2, *known.reach_px])
+    failure, after, points, sigma, good, feet, about = trace_contour(pixels, start, full, polish, before)
     if failure:
         return FailedFit(FAILURES[failure])
     return EdgePoints(

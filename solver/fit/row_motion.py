@@ -66,5 +66,7 @@ def widened(shape_cov: Array, shape: Array, sigma: Array, time_s: Array, motion:
     """
     rows = shape / sigma[:, None]
     # A rate r moves the point i by shape_i r t_i; the fit takes the part of it that is a change of the shape.
-    carried = np.linalg.lstsq(rows, rows * time_s[:, None], rcond=1e-10)[0]
+    gram = rows.T @ rows
+    gram += np.diag(1e-12 * np.diag(gram) + 1e-300)  # a short arc hardly determines five parameters
+    carried = np.linalg.solve(gram, rows.T @ (rows * time_s[:, None]))
     return np.asarray(shape_cov + carried @ motion.covariance @ carried.T)

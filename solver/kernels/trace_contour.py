@@ -193,10 +193,24 @@ def moved_ellipse(ellipse: Array, step: Array) -> tuple[bool, Array]:
 
 
 @compiled
+def _largest_move(jacobian: Array, step: Array) -> float:
+    """Largest displacement of a sector by a step of the shape, px."""
+    largest = 0.0
+    for s in range(len(jacobian)):
+        moved = 0.0
+        for j in range(5):
+            moved += jacobian[s, j] * step[j]
+        largest = max(largest, abs(moved))
+    return largest
+
+
+@compiled
 def trace_contour(
-    image: NDArray[np.float32], start: Array, full_scale_dn: float, polish: bool
+    image: NDArray[np.float32], start: Array, full_scale_dn: float, polish: bool, known: Array
 ) -> tuple[int, Array, Array, Array, NDArray[np.bool_], Array, Array]:
     """Points of the contour near an approximate ellipse, and the ellipse through them; see `edge_points`.
+
+    `known` (3,): variance of the blur, inner and outer reach of the contour if it was measured before; else zeros.
 
     Returns
     -------
@@ -210,20 +224,23 @@ def trace_contour(
     about : (5,) array
         Variance of the blur, contrast, noise; inner and outer reach.
     """
-    current = start.copy()
-    low, high, variance = -_FIRST_REACH_PX, _FIRST_REACH_PX, 1.0
+    current, settled = start.copy(), known[0] > 0.0
+    low, high, variance = -_FIRST_REACH_PX, _FIRST_REACH_PX, known[0] if settled else 1.0
     step, about = np.zeros(5), np.zeros(5)
     none = np.empty((0, 2)), np.empty(0), np.empty(0, np.bool_)
     feet, normals, units = np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2))
     points, sigma, good = none
     for turn in range(_MAX_ROUNDS):
-        first = turn == 0
+        first = turn == 0 and not settled
         count = max(MIN_SECTORS, round(arc_lengths(current[2], current[3])[-1] / SECTOR_PX))
-        inside = max(low, _PROFILE_STEP_PX * math.ceil(-0.9 * current[3] / _PROFILE_STEP_PX))
-        number, total = contour_profile(image, current, inside, high, _PROFILE_STEP_PX)
-        failure, inner, outer = reach_of(number, total, inside)
-        if failure != OK:
-            return failure, current, none[0], none[1], none[2], feet, about
+        if turn == 0 and settled:
+            inner, outer = known[1], known[2]
+        else:
+            inside = max(low, _PROFILE_STEP_PX * math.ceil(-0.9 * current[3] / _PROFILE_STEP_PX))
+            number, total = contour_profile(image, current, inside, high, _PROFILE_STEP_PX)
+            failure, inner, outer = reach_of(number, total, inside)
+            if failure != OK:
+                return failure, current, none[0], none[1], none[2], feet, about
         table, starts = contour_pixels(image, current, inner, outer, count)
         if len(table) < 2 * count:
             return NOT_FLAT, current, none[0], none[1], none[2], feet, about
@@ -232,9 +249,8 @@ def trace_contour(
         expected = arc_lengths(current[2], current[3])[-1] / count * (outer - max(inner, -0.9 * current[3]))
         delta, sigma, good = np.zeros(count), np.empty(count), np.empty(count, np.bool_)
         variance, about[1], about[2] = sector_offsets(
-            table, starts, expected, variance, full_scale_dn, first,
-            delta, sigma, good,
-        )  # fmt: skip
+            table, starts, expected, variance, full_scale_dn, first, delta, sigma, good
+        )
         feet, normals, units = sector_centres(current, count)
         jacobian = np.empty((count, 5))
         for s in range(count):
@@ -242,14 +258,9 @@ def trace_contour(
         failure = _shape_step(jacobian, delta, sigma, good, current[3] if first else math.inf, step)
         if failure != OK:
             return failure, current, none[0], none[1], none[2], feet, about
-        largest = 0.0
-        for s in range(count):
-            moved = 0.0
-            for j in range(5):
-                moved += jacobian[s, j] * step[j]
-            largest = max(largest, abs(moved))
-        rough = not polish and largest < min(_CLOSE_PX, _CLOSE * current[3])
-        if rough:
+        largest = _largest_move(jacobian, step)
+        close = largest < min(_CLOSE_PX, _CLOSE * current[3])
+        if close:
             # A small step changes distances linearly, up to its square over twice the radius of curvature.
             row = np.empty(5)
             for i in range(len(table)):
@@ -263,6 +274,8 @@ def trace_contour(
             failure = _shape_step(jacobian, delta, sigma, good, math.inf, step)
             if failure != OK:
                 return failure, current, none[0], none[1], none[2], feet, about
+            bent = largest * largest / (2.0 * current[3])
+            largest = max(_largest_move(jacobian, step), bent)
             for s in range(count):
                 for j in range(5):
                     delta[s] -= jacobian[s, j] * before[j]
@@ -276,6 +289,6 @@ def trace_contour(
                 points[s, j] = feet[s, j] + delta[s] * normals[s, j]
         about[0] = variance
         current = after
-        if rough or (polish and largest < _SETTLED_PX and not first):
+        if close and (not polish or largest < _SETTLED_PX):
             break
     return OK, current, points, sigma, good, feet, about

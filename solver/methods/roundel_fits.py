@@ -112,7 +112,7 @@ def with_estimated_curve(
     grey, full_scale_dn = linearise(curve)
 
     def again(edges: EdgePoints) -> EdgePoints:
-        found = edge_points(grey, edges.ellipse, full_scale_dn, polish=False)
+        found = edge_points(grey, edges.ellipse, full_scale_dn, polish=False, known=edges)
         return edges if isinstance(found, FailedFit) else found
 
     found = [replace(d, edges=again(d.edges), inner=[again(e) for e in d.inner]) for d in seen.detections]
@@ -164,8 +164,9 @@ def _fit_of(
     if method == "edgedrawing":
         return _edgedrawing(detection, camera)
     # The points of a detection are only accurate enough to decide on it, so they are computed again.
-    settled = edge_points(seen.grey, detection.edges.ellipse, seen.full_scale_dn)
-    edges = detection.edges if isinstance(settled, FailedFit) else settled
+    rough = detection.edges
+    settled = edge_points(seen.grey, rough.ellipse, seen.full_scale_dn, known=rough)
+    edges = rough if isinstance(settled, FailedFit) else settled
     if method == "ml":
         return _fit_edges(edges, camera, motion)
     return fit_points(edges.points_px, edges.sigma_px, camera, method)
@@ -188,7 +189,8 @@ def _fit_edges(edges: EdgePoints, camera: Camera, motion: RowMotion | None) -> E
     seen = np.isfinite(points).all(axis=1)
     if len(points) and not seen.any():
         return FailedFit(OUTSIDE_FIELD)
-    return fit_edges(points[seen], edges.sigma_px[seen], motion, edges.points_px[seen])
+    start = None if distorts(camera) else edges.ellipse
+    return fit_edges(points[seen], edges.sigma_px[seen], motion, edges.points_px[seen], start)
 
 
 def fit_points(points_px: Array, sigma_px: Array | None, camera: Camera, method: str) -> EllipseFit | FailedFit:

@@ -56,7 +56,7 @@ def displaced(fit: EllipseFit, distance_px: float, sigma_px: float) -> EllipseFi
     # The change of shape that displaces each point of the contour by 1 px along its normal, as nearly as possible.
     nx, ny = normals.T
     along = np.column_stack([nx, ny, nx * u[:, 0], nx * u[:, 1] + ny * u[:, 0], ny * u[:, 1]])
-    outward = np.linalg.lstsq(along, np.ones(_POINTS), rcond=None)[0]
+    outward = np.linalg.solve(along.T @ along, along.sum(axis=0))
     shape_cov = fit.shape_cov + sigma_px**2 * np.outer(outward, outward)
     theta = shape_of_ellipse(fit.ellipse) + distance_px * outward
     moved = finished_fit(theta, fit.residual_px, fit.sigma_px**2, shape_cov)
