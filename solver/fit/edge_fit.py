@@ -65,17 +65,20 @@ def fit_edges(
     EdgeFit or FailedFit
     """
     keep, ones = np.ones(len(points_px), bool), np.ones(len(points_px))
-    for turn in range(_ROUNDS + 1):
-        fit = _fitted(points_px[keep], sigma_px[keep], start)
-        if isinstance(fit, FailedFit):
-            return fit
-        start = fit.ellipse
-        rows = _rows(fit, points_px)
-        bad = deviating_sectors(rows[5], sigma_px, ones, ones, keep, 1)  # no pixels: offsets alone
-        if turn == _ROUNDS or not np.any(bad):
+    fit = _fitted(points_px, sigma_px, start)
+    if isinstance(fit, FailedFit):
+        return fit
+    for _ in range(_ROUNDS):
+        bad = deviating_sectors(_rows(fit, points_px)[5], sigma_px, ones, ones, keep, 1)  # no pixels: offsets alone
+        if not np.any(bad):
             break
         keep &= ~bad
-    shape, distance = rows[:5, keep].T, rows[5, keep]
+        again = _fitted(points_px[keep], sigma_px[keep], fit.ellipse)
+        if isinstance(again, FailedFit):
+            return again
+        fit = again
+    rows = _rows(fit, points_px[keep])
+    shape, distance = rows[:5].T, rows[5]
     # The fit's variance is that of its residuals; what they share comes on top.
     scale = float(np.sqrt(np.mean((distance / sigma_px[keep]) ** 2)))
     direction = direction_of(fit.ellipse, points_px[keep])
