@@ -18,18 +18,16 @@ from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.fit.band_pixels import place_pixels
 from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.fit.ellipse import FailedFit, fit_ellipse
-from roundel.solver.kernels.contour_pixels import DISTANCE, NORMAL_X, VALUE, X, contour_pixels
-from roundel.solver.kernels.contour_scene import flat_reach, level_functions, plateau_sums, split_pixels
+from roundel.solver.kernels.contour_band import clipping, contour_band, edge_pixels, flat_reach, plateau_pixels
+from roundel.solver.kernels.contour_pixels import DISTANCE, NORMAL_X, X
+from roundel.solver.kernels.contour_scene import level_functions, plateau_sums
 
 Array = NDArray[np.float64]
 
 SIZES = (1, 3, 6, 14)  # level functions per side of each order
 _WIDER_PX = 6  # plateaus extend this much farther than in `edge_points`, as long as they are flat
 _WIDER_BLURS = 2.5  # and this many sigmas of the blur
-_SATURATED = 254.5 / 255.0  # fraction of the full scale
-_CLIPPED = 0.002  # fraction of a plateau: more than a few hot pixels
 _CLIPPED_PX = 3.0  # of a clipped plateau this much counts, as part of the edge
-_SHADES = 0.4  # pixels with a shade between the levels, per sector: an edge has about two, a binary mask none
 _EDGE_SIGMAS = 3.5  # of the blur with the pixel, plus a pixel's half diagonal: the step has ended there
 _FEWEST = 40
 
@@ -106,69 +104,52 @@ def scene_of(
     trusted = edges.trusted if trusted is None else trusted
     wider = round(_WIDER_PX + _WIDER_BLURS * edges.blur_px)
     low, high = edges.reach_px
-    table, starts = contour_pixels(image, edges.ellipse, low - wider, high + wider, len(trusted))
-    if not np.any(trusted) or not len(table):
-        return FailedFit("the contour is outside the image")
-    ends = flat_reach(table, starts, trusted, np.array([low, high]), edges.contrast_dn, edges.noise_dn, wider)
-    clip_dn, clipped, share = _clipping(table, starts, trusted, ends, full_scale_dn)
     reach = _EDGE_SIGMAS * math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE) + 0.8
-    between = np.array([-reach - _CLIPPED_PX * clipped[0], reach + _CLIPPED_PX * clipped[1]])
-    edge, starts, inside, outside = split_pixels(table, starts, trusted, ends, between)
-    if len(edge) + len(inside) + len(outside) < _FEWEST or len(edge) < _FEWEST // 3:
+    band = contour_band(image, edges.ellipse, low - wider, high + wider, reach + _CLIPPED_PX, trusted)
+    sectors = int(np.count_nonzero(trusted))
+    if not sectors or not len(band):
+        return FailedFit("the contour is outside the image")
+    ends = flat_reach(band, len(trusted), np.array([low, high]), edges.contrast_dn, edges.noise_dn, wider)
+    clip_dn, *clipped, share = clipping(band, ends, float(full_scale_dn), sectors)
+    first, last = max(-reach - _CLIPPED_PX * clipped[0], ends[0]), min(reach + _CLIPPED_PX * clipped[1], ends[1])
+    edge, starts, jacobian = edge_pixels(image, edges.ellipse, first, last, trusted)
+    sides = [plateau_pixels(band, ends[0], first), plateau_pixels(band, last, ends[1])]
+    if len(edge) + len(sides[0]) + len(sides[1]) < _FEWEST or len(edge) < _FEWEST // 3:
         return FailedFit("too few pixels along the contour")
     ellipse = _start(edges, lens)
     if isinstance(ellipse, FailedFit):
         return ellipse
-    jacobian = place_pixels(edge, ellipse, lens)
-    if isinstance(jacobian, FailedFit):
-        return jacobian
+    if lens is not None:
+        placed = place_pixels(edge, ellipse, lens)
+        if isinstance(placed, FailedFit):
+            return placed
+        jacobian = placed
     centre, size_px = edges.ellipse[:2], max(float(edges.ellipse[2]), 2.0)
-    most = _most_functions(len(edge) + len(inside) + len(outside), clipped)
+    most = _most_functions(len(edge) + len(sides[0]) + len(sides[1]), (clipped[0], clipped[1]))
 
     def functions(x: Array, y: Array) -> Array:
         return level_functions(x, y, centre, size_px, most)
 
+    normal = edge[:, NORMAL_X : NORMAL_X + 2]
     x, y = edge[:, X], edge[:, X + 1]
-    nx, ny = edge[:, NORMAL_X], edge[:, NORMAL_X + 1]
     basis = functions(x, y)
-    feet = edge[:, X : X + 2] - edge[:, DISTANCE, None] * edge[:, NORMAL_X : NORMAL_X + 2]
-    plateaus = [
-        Plateau(functions(p[:, X], p[:, X + 1]), p[:, VALUE].copy()) if not c else Plateau(basis[:0], edge[:0, VALUE])
-        for p, c in zip((inside, outside), clipped, strict=True)
-    ]
+    feet = edge[:, X : X + 2] - edge[:, DISTANCE, None] * normal
+    sides = [side[:0] if clips else side for side, clips in zip(sides, clipped, strict=True)]
+    inside, outside = (Plateau(functions(side[:, 0], side[:, 1]), side[:, 2].copy()) for side in sides)
     return PixelScene(
         ellipse,
         edge,
         starts,
         jacobian,
         basis,
-        functions(x + nx, y + ny) - basis,
+        functions(x + normal[:, 0], y + normal[:, 1]) - basis,
         (feet - centre) / size_px,
-        (plateaus[0], plateaus[1]),
+        (inside, outside),
         lens,
         clip_dn,
-        clipped,
+        (clipped[0], clipped[1]),
         share,
     )
-
-
-def _clipping(
-    table: Array, starts: NDArray[np.int64], trusted: NDArray[np.bool_], ends: Array, full_scale_dn: float
-) -> tuple[float, tuple[bool, bool], float]:
-    """The clipping level of a contour (infinite without clipped pixels), which plateaus clip, and the clipped share."""
-    sector = np.repeat(np.arange(len(trusted)), np.diff(starts))
-    used = trusted[sector] & (table[:, DISTANCE] >= ends[0]) & (table[:, DISTANCE] <= ends[1])
-    value, distance = table[used, VALUE], table[used, DISTANCE]
-    clip_dn = full_scale_dn * _SATURATED
-    over = value >= clip_dn
-    if not np.any(over):
-        return math.inf, (False, False), 0.0
-    margin = 0.05 * float(np.ptp(value))
-    shades = np.count_nonzero((value > value.min() + margin) & (value < value.max() - margin))
-    if shades <= _SHADES * np.count_nonzero(trusted):  # a binary mask: nothing tells whether it is clipped
-        return math.inf, (False, False), 0.0
-    inside, outside = (float(np.mean(over[side])) if side.any() else 0.0 for side in (distance < 0, distance > 0))
-    return clip_dn, (inside > _CLIPPED, outside > _CLIPPED), float(np.mean(over))
 
 
 def _most_functions(pixels: int, clipped: tuple[bool, bool]) -> int:

@@ -150,7 +150,7 @@ def contour_profile(
 
 
 @compiled
-def _turn(ux: float, uy: float) -> float:
+def turn_of(ux: float, uy: float) -> float:
     """Direction of a vector in turns, 0 to 1, to 2e-6.
 
     Source: M. Abramowitz, I. Stegun, Handbook of Mathematical Functions, 4.4.47.
@@ -211,7 +211,7 @@ def contour_pixels(
             distance, nx, ny, ux, uy = foot_point(a, b, c * dx + s * dy, c * dy - s * dx)
             if not inner <= distance <= high:
                 continue
-            at = _turn(ux, uy) * _KNOTS
+            at = turn_of(ux, uy) * _KNOTS
             knot = min(int(at), _KNOTS - 1)
             arc = lengths[knot] + (lengths[knot + 1] - lengths[knot]) * (at - knot)
             sector[n] = min(int(arc * per_length), count - 1)

@@ -1,4 +1,4 @@
-"""The pixels of a fit: the extent of the plateaus beside a contour, the pixels of the edge, and level functions."""
+"""The pixels of a fit: level functions, sums over the plateaus, and the distances for another ellipse."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import (
-    COLUMNS,
     CURVATURE,
     CURVATURE_SS,
     DISTANCE,
@@ -25,92 +24,13 @@ from roundel.solver.kernels.contour_pixels import (
     curvatures,
     foot_point,
 )
-from roundel.solver.kernels.order_statistics import median, quantile, sorted_copy
+from roundel.solver.kernels.order_statistics import median, quantile
 from roundel.solver.kernels.trace_contour import shape_row
 
 Array = NDArray[np.float64]
 
-_LAST_PX = 1.5  # outermost part of a plateau of `edge_points`, with which pixels beyond it are compared
-_FLAT = 0.01  # fraction of the contrast
-_GROUPS = 12  # directions in which a plateau's flatness is tested
 _MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
 _STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
-
-
-@compiled
-def flat_reach(
-    table: Array,
-    starts: NDArray[np.int64],
-    trusted: NDArray[np.bool_],
-    reach: Array,
-    contrast_dn: float,
-    noise_dn: float,
-    wider: int,
-) -> Array:
-    """Extent (2,) of the plateaus beyond `reach` (2,): until some directions deviate from their level."""
-    count = len(trusted)
-    ends = reach.copy()
-    for side in range(2):
-        sign = 2.0 * side - 1.0
-        # Bin 0 is the last one of `reach`, the others are 1 px each.
-        number, total = np.zeros((wider + 1, _GROUPS)), np.zeros((wider + 1, _GROUPS))
-        for s in range(count):
-            if not trusted[s]:
-                continue
-            for i in range(starts[s], starts[s + 1]):
-                beyond = sign * (table[i, DISTANCE] - reach[side])
-                if beyond > -_LAST_PX:
-                    k = max(math.ceil(beyond), 0)
-                    if k <= wider:
-                        group = s * _GROUPS // count
-                        number[k, group] += 1
-                        total[k, group] += table[i, VALUE]
-        extent = 0
-        for k in range(1, wider + 1):
-            both, squares, inverse = 0, 0.0, 0.0
-            for g in range(_GROUPS):
-                if number[0, g] > 0 and number[k, g] > 0:
-                    both += 1
-                    squares += (total[k, g] / number[k, g] - total[0, g] / number[0, g]) ** 2
-                    inverse += 1.0 / number[0, g] + 1.0 / number[k, g]
-            if both < 3:
-                break
-            if squares / both > (_FLAT * contrast_dn) ** 2 + 2.0 * noise_dn**2 * inverse / both:
-                break
-            extent = k
-        ends[side] += sign * extent
-    return ends
-
-
-@compiled
-def split_pixels(
-    table: Array, starts: NDArray[np.int64], trusted: NDArray[np.bool_], ends: Array, reach: Array
-) -> tuple[Array, NDArray[np.int64], Array, Array]:
-    """The edge's pixels of the trusted sectors (within `reach`), with their starts, and those of both plateaus."""
-    n, count = len(table), len(trusted)
-    edge, edge_starts = np.empty((n, COLUMNS)), np.zeros(count + 1, np.int64)
-    inside, outside = np.empty((n, COLUMNS)), np.empty((n, COLUMNS))
-    edges, inner, outer = 0, 0, 0
-    for s in range(count):
-        if trusted[s]:
-            for i in range(starts[s], starts[s + 1]):
-                distance = table[i, DISTANCE]
-                if distance < ends[0] or distance > ends[1]:
-                    continue
-                if distance < reach[0]:
-                    for j in range(COLUMNS):
-                        inside[inner, j] = table[i, j]
-                    inner += 1
-                elif distance > reach[1]:
-                    for j in range(COLUMNS):
-                        outside[outer, j] = table[i, j]
-                    outer += 1
-                else:
-                    for j in range(COLUMNS):
-                        edge[edges, j] = table[i, j]
-                    edges += 1
-        edge_starts[s + 1] = edges
-    return edge[:edges].copy(), edge_starts, inside[:inner].copy(), outside[:outer].copy()
 
 
 @compiled
@@ -163,7 +83,7 @@ def plateau_sums(
         for j in range(k):
             level += basis[i, j] * coefficients[j]
         squares[i] = (value[i] - level) ** 2
-    limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * median(squares), 1.0)
+    limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * median(squares.copy()), 1.0)
     square, count = 0.0, 0
     for i in range(n):
         if squares[i] > limit or value[i] >= clip_dn:
@@ -237,8 +157,7 @@ def side_medians(table: Array, inside: Array, outside: Array) -> tuple[float, fl
     distances, values = np.empty(n), np.empty(n)
     for i in range(n):
         distances[i] = table[i, DISTANCE]
-    ordered = sorted_copy(distances)
-    near, far = quantile(ordered, 0.2), quantile(ordered, 0.8)
+    near, far = quantile(distances, 0.2), quantile(distances, 0.8)
     medians = np.empty(2)
     for side in range(2):
         plateau = inside if side == 0 else outside

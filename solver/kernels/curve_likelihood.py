@@ -21,7 +21,6 @@ from roundel.solver.kernels.contour_pixels import (
     VALUE,
 )
 from roundel.solver.kernels.edge_response import curved_distance, step_response
-from roundel.solver.kernels.response_curve import srgb_encoded
 from roundel.solver.kernels.small_matrices import inverse_of
 
 Array = NDArray[np.float64]
@@ -45,9 +44,11 @@ def encode(light: float, kind: int, gamma: float) -> tuple[float, float]:
     """Level of a light, and its derivative."""
     if kind == LINEAR_KIND:
         return light, 1.0
-    if kind == SRGB_KIND:
-        level = srgb_encoded(light)
-        return level, 12.92 if light <= 0.0031308 else (level + 0.055) / (2.4 * light)
+    if kind == SRGB_KIND:  # IEC 61966-2-1
+        if light <= 0.0031308:
+            return 12.92 * light, 12.92
+        level = 1.055 * light ** (1.0 / 2.4) - 0.055
+        return level, (level + 0.055) / (2.4 * light)
     if light <= _DARKEST:
         slope = _DARKEST ** (1.0 / gamma - 1.0)
         return light * slope, slope

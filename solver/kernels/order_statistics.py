@@ -1,4 +1,4 @@
-"""Quantiles of a few hundred values: a sort of our own compiles in a tenth of the time of NumPy's."""
+"""Quantiles of some hundred values: a selection of our own compiles in a tenth of the time of NumPy's sort."""
 
 from __future__ import annotations
 
@@ -11,36 +11,45 @@ Array = NDArray[np.float64]
 
 
 @compiled
-def sorted_copy(values: Array) -> Array:
-    """The values in ascending order, by Shell's method (Communications of the ACM 2, 1959) with Knuth's gaps."""
-    out = values.copy()
-    n = len(out)
-    gap = 1
-    while gap < n // 3:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for i in range(gap, n):
-            value = out[i]
-            j = i
-            while j >= gap and out[j - gap] > value:
-                out[j] = out[j - gap]
-                j -= gap
-            out[j] = value
-        gap //= 3
-    return out
+def _select(values: Array, k: int) -> float:
+    """The value that would be at place k in ascending order; the values are rearranged around it.
+
+    Source: C. A. R. Hoare, Algorithm 65: Find, Communications of the ACM 4 (1961).
+    """
+    left, right = 0, len(values) - 1
+    while left < right:
+        pivot, i, j = values[k], left, right
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while pivot < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < k:
+            left = i
+        if k < i:
+            right = j
+    return float(values[k])
 
 
 @compiled
-def quantile(ordered: Array, share: float) -> float:
-    """Quantile of sorted values, with linear interpolation."""
-    if len(ordered) == 1:
-        return float(ordered[0])
-    at = share * (len(ordered) - 1)
-    i = min(int(at), len(ordered) - 2)
-    return float(ordered[i] + (ordered[i + 1] - ordered[i]) * (at - i))
+def quantile(values: Array, share: float) -> float:
+    """Quantile of finite values in any order, with linear interpolation; they are rearranged."""
+    n = len(values)
+    at = share * (n - 1)
+    i = min(int(at), max(n - 2, 0))
+    low = _select(values, i)
+    if i + 1 >= n or at == i:
+        return low
+    high = values[i + 1]  # the least of those after it
+    for j in range(i + 2, n):
+        high = min(high, values[j])
+    return float(low + (high - low) * (at - i))
 
 
 @compiled
 def median(values: Array) -> float:
-    """Median of values in any order."""
-    return quantile(sorted_copy(values), 0.5)
+    """Median of finite values in any order; they are rearranged."""
+    return quantile(values, 0.5)

@@ -18,7 +18,7 @@ from roundel.solver.kernels.contour_pixels import (
     VALUE,
 )
 from roundel.solver.kernels.edge_response import curved_distance, gaussian_step, step_response
-from roundel.solver.kernels.order_statistics import median, quantile, sorted_copy
+from roundel.solver.kernels.order_statistics import median, quantile
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def sector_offsets(
                 power, change = power + own * own, change + own * residual[i]
         change = change / power if power > 0.0 else 0.0
         variance = min(max(variance + change, variance / 4.0, MIN_VARIANCE), variance * 4.0)
-    ordered = sorted_copy(height)
+    ordered = height.copy()
     lower, contrast, upper = quantile(ordered, 0.25), quantile(ordered, 0.5), quantile(ordered, 0.75)
     strong = upper if upper >= -lower else lower
     # Half of a contour or more may be hidden, without a step, or in a shadow, with a small step.
@@ -177,7 +177,7 @@ def sector_offsets(
         for i in range(starts[s], starts[s + 1]):
             squares += residual[i] * residual[i]
         spread[s] = math.sqrt(squares / max(starts[s + 1] - starts[s], 1))
-    widest = max(4.0 * median(spread), 0.05 * abs(contrast))
+    widest = max(4.0 * median(spread.copy()), 0.05 * abs(contrast))
     squares, pixels = 0.0, 0
     for s in range(count):
         usable = information[s] > 1e-12 * most

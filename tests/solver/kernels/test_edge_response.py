@@ -12,9 +12,9 @@ from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.scenes.geometry import edge_spread_function as reference
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.kernels.contour_pixels import curvatures, foot_point
+from roundel.solver.kernels.curve_likelihood import SRGB_KIND, encode
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
-from roundel.solver.kernels.response_curve import srgb_encoded
 from roundel.solver.kernels.small_matrices import inverse_of, weighted_products
 
 
@@ -86,4 +86,4 @@ def test_a_singular_matrix_has_no_inverse():
 
 def test_srgb():
     light = np.linspace(0, 1, 101)
-    assert np.allclose([srgb_encoded(v) for v in light], linear_to_srgb(light), atol=1e-12)
+    assert np.allclose([encode(v, SRGB_KIND, 1.0)[0] for v in light], linear_to_srgb(light), atol=1e-12)
