@@ -60,7 +60,7 @@ def _from_chains(
             continue
         for i in range(count):
             x[i], y[i] = points[first + i, 0], points[first + i, 1]
-        if found < len(out) and _of_points(x, y, 0, count, edges, walk, out[found]):
+        if found < len(out) and _of_points(x[:count], y[:count], edges, walk, out[found]):
             found += 1
             continue
         for k in range(arcs_of(x, y, count, turn, arcs)):
@@ -70,7 +70,7 @@ def _from_chains(
             for part in range(3):
                 begin = low if part < 2 else low + half
                 end = high if part != 1 else low + half
-                if found < len(out) and _of_points(x, y, begin, end, edges, walk, out[found]):
+                if found < len(out) and _of_points(x[begin:end], y[begin:end], edges, walk, out[found]):
                     found += 1
                     if part == 0:
                         break
@@ -80,20 +80,22 @@ def _from_chains(
 
 
 @compiled
-def _of_points(x: Array, y: Array, begin: int, end: int, edges: NDArray[np.uint8], walk: Array, out: Array) -> bool:
+def _of_points(x: Array, y: Array, edges: NDArray[np.uint8], walk: Array, out: Array) -> bool:
     """Write the ellipse of a piece of a chain, extended along other edges; False if the piece is none."""
-    count = end - begin
+    count = len(x)
     if count < _MIN_CHAIN_POINTS:
         return False
-    px, py = x[begin:end], y[begin:end]
-    if min(np.max(px) - np.min(px), np.max(py) - np.min(py)) < 3.0:
+    left, right, top, bottom = x[0], x[0], y[0], y[0]
+    for i in range(count):
+        left, right, top, bottom = min(left, x[i]), max(right, x[i]), min(top, y[i]), max(bottom, y[i])
+    if min(right - left, bottom - top) < 3.0:
         return False
-    if not direct_fit(px, py, count, out) or not plausible(out, edges.shape[0], edges.shape[1]):
+    if not direct_fit(x, y, count, out) or not plausible(out, edges.shape[0], edges.shape[1]):
         return False
     # Chain points are whole pixels, off by 0.3 px; a residual above that and 4 % of the size is a square or a letter.
-    if _rms(out, px, py, count) > min(0.5 + 0.04 * out[3], 2.0):
+    if _rms(out, x, y, count) > min(0.5 + 0.04 * out[3], 2.0):
         return False
-    covered = _covered(out, px, py, count)
+    covered = _covered(out, x, y, count)
     if covered < _MIN_ARC:
         return False
     grown = np.empty(5)
@@ -104,7 +106,8 @@ def _of_points(x: Array, y: Array, begin: int, end: int, edges: NDArray[np.uint8
         if not direct_fit(walk[0], walk[1], number, grown) or not plausible(grown, edges.shape[0], edges.shape[1]):
             break
         before, covered = covered, _covered(grown, walk[0], walk[1], number)
-        out[:] = grown
+        for i in range(5):
+            out[i] = grown[i]
         if covered <= before:
             break
     return True
@@ -133,12 +136,14 @@ def _rms(ellipse: Array, x: Array, y: Array, count: int) -> float:
 def _covered(ellipse: Array, x: Array, y: Array, count: int) -> float:
     """Fraction of equal steps of the eccentric angle that contain a point."""
     c, s = math.cos(math.radians(ellipse[4])), math.sin(math.radians(ellipse[4]))
-    seen = np.zeros(_BINS, np.bool_)
+    seen, number = np.zeros(_BINS, np.bool_), 0
     for i in range(count):
         dx, dy = x[i] - ellipse[0], y[i] - ellipse[1]
         angle = math.atan2((c * dy - s * dx) / ellipse[3], (c * dx + s * dy) / ellipse[2])
-        seen[int((angle / (2.0 * math.pi) + 0.5) * _BINS) % _BINS] = True
-    return np.sum(seen) / _BINS
+        k = int((angle / (2.0 * math.pi) + 0.5) * _BINS) % _BINS
+        number += not seen[k]
+        seen[k] = True
+    return number / _BINS
 
 
 @compiled

@@ -31,7 +31,9 @@ def outer_contours(ellipses: Array, blur_px: Array) -> NDArray[np.int64]:
     (n,) array of int64
     """
     n = len(ellipses)
-    outer = np.full(n, -1)
+    outer = np.empty(n, np.int64)
+    for i in range(n):
+        outer[i] = -1
     for i in range(n):
         if outer[i] >= 0:
             continue
@@ -61,8 +63,9 @@ def concentric(outer: Array, inner: Array, blur_px: float) -> bool:
     x, y = (c * dx + s * dy) / outer[2], (c * dy - s * dx) / outer[3]
     turn = math.radians(inner[4] - outer[4])
     c, s = math.cos(turn), math.sin(turn)
-    p, q = np.array([c * outer[2], s * outer[3]]) / inner[2], np.array([-s * outer[2], c * outer[3]]) / inner[3]
-    a, b, d = p[0] * p[0] + q[0] * q[0], p[0] * p[1] + q[0] * q[1], p[1] * p[1] + q[1] * q[1]
+    p, q = c * outer[2] / inner[2], s * outer[3] / inner[2]
+    u, v = -s * outer[2] / inner[3], c * outer[3] / inner[3]
+    a, b, d = p * p + u * u, p * q + u * v, q * q + v * v
     e, f = -(a * x + b * y), -(b * x + d * y)
     g = -(e * x + f * y) - 1.0
     # Characteristic polynomial of [[a, b, e], [b, d, f], [-e, -f, -g]]: x^3 - 3 mean x^2 + ...

@@ -56,12 +56,17 @@ def direct_fit(x: Array, y: Array, count: int, out: Array) -> bool:
         return False
     # Linear part (D, E, F) = T a: S3 is [[xx, xy, 0], [xy, yy, 0], [0, 0, n]].
     t = np.empty((3, 3))
-    s2 = np.array([[xxx, xxy, xx], [xxy, xyy, xy], [xyy, yyy, yy]])
+    s2, m = np.empty((3, 3)), np.empty((3, 3))
+    s2[0, 0], s2[0, 1], s2[0, 2] = xxx, xxy, xx
+    s2[1, 0], s2[1, 1], s2[1, 2] = xxy, xyy, xy
+    s2[2, 0], s2[2, 1], s2[2, 2] = xyy, yyy, yy
     for k in range(3):
         t[0, k] = -(yy * s2[k, 0] - xy * s2[k, 1]) / determinant
         t[1, k] = -(xx * s2[k, 1] - xy * s2[k, 0]) / determinant
         t[2, k] = -s2[k, 2] / count
-    m = np.array([[xxxx, xxxy, xxyy], [xxxy, xxyy, xyyy], [xxyy, xyyy, yyyy]])
+    m[0, 0], m[0, 1], m[0, 2] = xxxx, xxxy, xxyy
+    m[1, 0], m[1, 1], m[1, 2] = xxxy, xxyy, xyyy
+    m[2, 0], m[2, 1], m[2, 2] = xxyy, xyyy, yyyy
     for i in range(3):
         for k in range(3):
             for j in range(3):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from roundel.solver.detect.candidates import plausible
 from roundel.solver.detect.ellipse_sums import direct_fit, sampson
 from roundel.solver.kernels.compiled import compiled
+from roundel.solver.kernels.order_statistics import sorted_copy
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,8 @@ def contour_evidence(image: NDArray[np.float32], ellipses: Array) -> Array:
     feet = np.empty((_MOST_PROFILES, 4))
     for i in range(len(ellipses)):
         row = out[i]
-        row[:5] = ellipses[i]
+        for j in range(5):
+            row[j] = ellipses[i, j]
         for turn in range(_ROUNDS):
             count = _profiles(image, row, levels, seen, feet)
             pitch = min(_PITCH_PX, row[3] / 3.0)
@@ -63,8 +65,7 @@ def contour_evidence(image: NDArray[np.float32], ellipses: Array) -> Array:
                         best, sign = number * typical, polarity
                 row[POLARITY] = sign
             number, typical = _steps(levels, seen, feet, count, pitch, row[POLARITY], strength, x, y)
-            visible = np.sum(seen[:count])
-            row[VISIBLE] = visible / count
+            row[VISIBLE] = _number(seen, count) / count
             number = _ellipse_of_steps(x, y, number, row)
             if number == 0 or not plausible(row, image.shape[0], image.shape[1]):
                 row[SUPPORT] = 0.0
@@ -128,16 +129,25 @@ def _steps(
             offset = (at - _HALF + min(max(shift, -0.5), 0.5)) * pitch
             x[k], y[k] = feet[k, 0] + offset * feet[k, 2], feet[k, 1] + offset * feet[k, 3]
     # The upper quartile instead of the median, which belongs to the occluder if half of the contour is hidden.
-    visible = np.sum(seen[:count])
+    visible = _number(seen, count)
     if visible == 0:
         return 0, 0.0
-    typical = np.sort(strength[:count])[count - 1 - visible // 4]
+    typical = sorted_copy(strength[:count])[count - 1 - visible // 4]
     number = 0
     for k in range(count):
         if strength[k] > 0.0 and strength[k] >= _LEAST_STEP * typical:
             x[number], y[number] = x[k], y[k]
             number += 1
     return number, typical
+
+
+@compiled
+def _number(seen: NDArray[np.bool_], count: int) -> int:
+    """How many of the first `count` are true."""
+    number = 0
+    for k in range(count):
+        number += seen[k]
+    return number
 
 
 @compiled

@@ -128,7 +128,8 @@ def scene_of(
     most = _most_functions(len(edge) + len(sides[0]) + len(sides[1]), (clipped[0], clipped[1]))
 
     def functions(x: Array, y: Array) -> Array:
-        return level_functions(x, y, centre, size_px, most)
+        # Contiguous copies: a kernel is compiled again for each memory layout.
+        return level_functions(np.ascontiguousarray(x), np.ascontiguousarray(y), centre, size_px, most)
 
     normal = edge[:, NORMAL_X : NORMAL_X + 2]
     x, y = edge[:, X], edge[:, X + 1]

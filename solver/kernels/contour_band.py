@@ -94,7 +94,7 @@ def contour_band(
 @compiled
 def flat_reach(band: Array, sectors: int, reach: Array, contrast_dn: float, noise_dn: float, wider: int) -> Array:
     """Extent (2,) of the plateaus beyond `reach` (2,): until some directions deviate from their level."""
-    ends = reach.copy()
+    ends = np.empty(2)
     for side in range(2):
         sign = 2.0 * side - 1.0
         # Bin 0 is the last one of `reach`, the others are 1 px each.
@@ -120,7 +120,7 @@ def flat_reach(band: Array, sectors: int, reach: Array, contrast_dn: float, nois
             if squares / both > (_FLAT * contrast_dn) ** 2 + 2.0 * noise_dn**2 * inverse / both:
                 break
             extent = k
-        ends[side] += sign * extent
+        ends[side] = reach[side] + sign * extent
     return ends
 
 

@@ -224,9 +224,10 @@ def contour_pixels(
             pixel[HALF_SUM], pixel[HALF_DIFFERENCE] = (across_x + across_y) / 2.0, (across_x - across_y) / 2.0
             pixel[CURVATURE], pixel[CURVATURE_SS] = curvatures(a, b, ux, uy)
             n += 1
+    following = np.empty(count, np.int64)
     for i in range(count):
+        following[i] = starts[i]
         starts[i + 1] += starts[i]
-    following = starts[:count].copy()
     table = np.empty((n, COLUMNS))
     for i in range(n):
         for j in range(COLUMNS):

@@ -76,7 +76,10 @@ def plateau_sums(
     count : int
     """
     n, k = len(value), len(coefficients)
-    gram[:], moment[:] = 0.0, 0.0
+    for a in range(k):
+        moment[a] = 0.0
+        for b in range(k):
+            gram[a, b] = 0.0
     squares = np.empty(n)
     for i in range(n):
         level = 0.0

@@ -69,8 +69,10 @@ def _accumulate(
     squares: Array,
 ) -> float:
     """Chi-square; the normal matrix (13, 13), the gradient (13,) and the pixels' squares (N,) are written."""
-    normal[:] = 0.0
-    pull[:] = 0.0
+    for j in range(UNKNOWNS):
+        pull[j] = 0.0
+        for k in range(UNKNOWNS):
+            normal[j, k] = 0.0
     variance = math.exp(unknown[5])
     total_sigma = math.sqrt(variance + _PIXEL_VARIANCE)
     chi2 = 0.0
@@ -149,14 +151,19 @@ def curve_likelihood(
         What each pixel adds to chi-square.
     """
     unknown, trial = start.copy(), start.copy()
-    normal, other = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS))
+    normal, other, damped = (
+        np.empty((UNKNOWNS, UNKNOWNS)),
+        np.empty((UNKNOWNS, UNKNOWNS)),
+        np.empty((UNKNOWNS, UNKNOWNS)),
+    )
     inverse, pull, other_pull = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     squares, other_squares = np.zeros(len(table)), np.zeros(len(table))
     damping = 1e-3
     chi2 = _accumulate(table, weight, place, unknown, kind, gamma, normal, pull, squares)
     for _ in range(_STEPS):
-        damped = normal.copy()
         for j in range(UNKNOWNS):
+            for k in range(UNKNOWNS):
+                damped[j, k] = normal[j, k]
             damped[j, j] *= 1.0 + damping
         if not inverse_of(damped, inverse):
             return math.inf, unknown, squares
@@ -172,7 +179,8 @@ def curve_likelihood(
         if after < chi2:
             gained = chi2 - after
             chi2, damping = after, max(damping / 10.0, 1e-9)
-            unknown[:], normal[:], pull[:], squares[:] = trial, other, other_pull, other_squares
+            normal, other, pull, other_pull = other, normal, other_pull, pull
+            unknown, trial, squares, other_squares = trial, unknown, other_squares, squares
             if gained < _SETTLED:
                 break
         else:

@@ -72,13 +72,14 @@ def model_choice(
     use = np.empty(len(gradient), np.int64)
     for chosen in range(len(extras)):
         for size in sizes:
-            n, added = base, 0
+            n = base
             for i in range(base):
                 use[i] = i
             for i in range(extra):
                 if extras[chosen, i] == 1:
                     use[n] = base + i
-                    n, added = n + 1, added + 1
+                    n += 1
+            added = n - base
             for side in range(2):
                 for i in range(size):
                     use[n] = base + extra + side * most + i

@@ -118,7 +118,7 @@ def noise_variances(
                 excess += share * (record[i, RESIDUAL] ** 2 - noise[known])
         noise[1 - known] = max(noise[known] + excess / max(shares, 1.0), noise[known] / 4.0)
     else:
-        noise[:] = (both + edge) / max(every + pixels - unknowns - 6, 1.0)
+        noise[0] = noise[1] = (both + edge) / max(every + pixels - unknowns - 6, 1.0)
     # A plateau without noise (clipped or synthetic) gets its rounding's, and at most 64 times the other's weight.
     noise[0], noise[1] = max(noise[0], floor[0]), max(noise[1], floor[1])
     noise[0], noise[1] = max(noise[0], noise[1] / 64.0), max(noise[1], noise[0] / 64.0)
@@ -232,7 +232,8 @@ def newton_step(normal: Array, gradient: Array, inverse: Array, step: Array) -> 
     Not finite if the matrix is singular.
     """
     if not inverse_of(normal, inverse):
-        step[:] = 0.0
+        for a in range(len(step)):
+            step[a] = 0.0
         return math.nan
     decrement = 0.0
     for a in range(len(step)):
@@ -304,13 +305,15 @@ def gauss_newton(
         decrement = newton_step(normal, gradient, inverse, step)
         ended = inked and step[VARIANCE] < 0.0 and parameters[VARIANCE] <= MIN_VARIANCE
         if ended:  # the ink is all of the blur: the others go on without it
-            frozen[:] = normal
-            frozen[VARIANCE, :], frozen[:, VARIANCE], gradient[VARIANCE] = 0.0, 0.0, 0.0
-            frozen[VARIANCE, VARIANCE] = 1.0
+            for a in range(size):
+                for b in range(size):
+                    frozen[a, b] = 0.0 if a == VARIANCE or b == VARIANCE else normal[a, b]
+            frozen[VARIANCE, VARIANCE], gradient[VARIANCE] = 1.0, 0.0
             decrement = newton_step(frozen, gradient, inverse, step)
         if not math.isfinite(decrement):
             return UNDETERMINED, parameters, levels, inverse
-        turned[:] = 0.0
+        for j in range(5):
+            turned[j] = 0.0
         for j in range(m):
             if used[j] >= RATES:
                 turned[used[j] - RATES] = step[j]
@@ -329,7 +332,8 @@ def gauss_newton(
             parameters, levels = wanted, wanted_levels
         else:
             parameters, levels = moved(parameters, levels, used, step, part)
-        turned[:] = parameters[RATES:] - rows[3:]
+        for j in range(5):
+            turned[j] = parameters[RATES + j] - rows[3 + j]
         total = largest_shift(table, jacobian, rows, parameters[:5], turned)
         if not total < _TRUST_PX:
             return DIVERGED, parameters, levels, inverse

@@ -60,7 +60,8 @@ def _saturated_pixels(table: Array, count: int, full_scale_dn: float, first: boo
         saturated[i] = table[i, VALUE] >= full_scale_dn * _SATURATED
         clipped += saturated[i]
     if first or shades <= 0.2 * count * SECTOR_PX:
-        saturated[:] = False
+        for i in range(n):
+            saturated[i] = False
         clipped = 0
     return saturated, clipped / max(n, 1)
 
@@ -107,8 +108,11 @@ def sector_offsets(
     if share > 0.1:
         # Levels, offsets and blur are then correlated: they converge slowly, and need the whole contour.
         steps, window = _SATURATED_STEPS, (count - 1) // 2
-    delta[:] = 0.0
-    seen, lean, widen, response = np.ones(n), np.zeros(n), np.empty(n), np.empty(n)
+    seen, lean, widen, response = np.empty(n), np.zeros(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        seen[i] = 1.0
+    for s in range(count):
+        delta[s] = 0.0
     residual, slopes, bends = np.empty(n), np.empty(n), np.empty(n)
     inverse, information, widened = np.zeros(count), np.empty(count), np.empty(count)
     sums, near, height = np.empty((count, 5)), np.empty((count, 5)), np.empty(count)
@@ -192,5 +196,6 @@ def sector_offsets(
         if good[s]:
             squares, pixels = squares + spread[s] ** 2 * (starts[s + 1] - starts[s]), pixels + starts[s + 1] - starts[s]
     noise = math.sqrt(squares / pixels) if pixels > 0 else 0.0
-    sigma *= max(noise, 1e-6)
+    for s in range(count):
+        sigma[s] *= max(noise, 1e-6)
     return variance, contrast, noise

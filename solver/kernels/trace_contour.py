@@ -134,7 +134,10 @@ def _shape_step(jacobian: Array, delta: Array, sigma: Array, good: NDArray[np.bo
     normal, inverse, gradient = np.empty((5, 5)), np.empty((5, 5)), np.empty(5)
     for again in range(2):
         number = 0
-        normal[:], gradient[:] = 0.0, 0.0
+        for j in range(5):
+            gradient[j] = 0.0
+            for k in range(5):
+                normal[j, k] = 0.0
         for s in range(count):
             if not good[s]:
                 continue
@@ -186,7 +189,9 @@ def moved_ellipse(ellipse: Array, step: Array) -> tuple[bool, Array]:
     s11, s12, s22 = s11 + step[2], s12 + step[3], s22 + step[4]
     mean, half = (s11 + s22) / 2.0, math.hypot((s11 - s22) / 2.0, s12)
     angle = math.degrees(math.atan2(s12, (s11 - s22) / 2.0)) / 2.0
-    out = np.array([ellipse[0] + step[0], ellipse[1] + step[1], mean + half, mean - half, angle % 180.0])
+    out = np.empty(5)
+    out[0], out[1], out[2], out[3] = ellipse[0] + step[0], ellipse[1] + step[1], mean + half, mean - half
+    out[4] = angle % 180.0
     if out[4] >= 180.0:
         out[4] = 0.0
     return bool(mean - half > 1.0 and mean + half < 1e6 and math.isfinite(out[0] + out[1])), out
@@ -226,7 +231,7 @@ def trace_contour(
     """
     current, settled = start.copy(), known[0] > 0.0
     low, high, variance = -_FIRST_REACH_PX, _FIRST_REACH_PX, known[0] if settled else 1.0
-    step, about = np.zeros(5), np.zeros(5)
+    step, before, about = np.zeros(5), np.zeros(5), np.zeros(5)
     none = np.empty((0, 2)), np.empty(0), np.empty(0, np.bool_)
     feet, normals, units = np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2))
     points, sigma, good = none
@@ -267,7 +272,8 @@ def trace_contour(
                 shape_row(table[i, NORMAL_X], table[i, NORMAL_Y], table[i, U_X], table[i, U_Y], row)
                 for j in range(5):
                     table[i, DISTANCE] += row[j] * step[j]
-            before = step.copy()
+            for j in range(5):
+                before[j] = step[j]
             variance, about[1], about[2] = sector_offsets(
                 table, starts, expected, variance, full_scale_dn, turn < 0, delta, sigma, good
             )
@@ -279,7 +285,8 @@ def trace_contour(
             for s in range(count):
                 for j in range(5):
                     delta[s] -= jacobian[s, j] * before[j]
-            step += before
+            for j in range(5):
+                step[j] += before[j]
         sound, after = moved_ellipse(current, step)
         if not sound:
             return SHRINKS, current, none[0], none[1], none[2], feet, about
