@@ -84,7 +84,8 @@ def _along(grey: NDArray[np.float32], ellipse: Array, trusted: NDArray[np.bool_]
 def _side_levels(
     grey: NDArray[np.float32], ellipse: Array, trusted: NDArray[np.bool_], inner: float, outer: float
 ) -> tuple[float, float]:
-    offsets, middles = np.array([inner, outer]), np.full(2, math.nan)
+    offsets, middles = np.empty(2), np.empty(2)
+    offsets[0], offsets[1] = inner, outer
     values = _along(grey, ellipse, trusted, offsets)
     known = np.empty(len(values))
     for side in range(2):
@@ -93,8 +94,7 @@ def _side_levels(
             if math.isfinite(values[i, side]):
                 known[n] = values[i, side]
                 n += 1
-        if n:
-            middles[side] = median(known[:n])
+        middles[side] = median(known[:n]) if n else math.nan
     return middles[0], middles[1]
 
 
