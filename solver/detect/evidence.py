@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from roundel.solver.detect.candidates import plausible
 from roundel.solver.detect.ellipse_sums import direct_fit, sampson
 from roundel.solver.kernels.compiled import compiled
-from roundel.solver.kernels.order_statistics import sorted_copy
+from roundel.solver.kernels.order_statistics import select
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _steps(
     visible = _number(seen, count)
     if visible == 0:
         return 0, 0.0
-    typical = sorted_copy(strength[:count])[count - 1 - visible // 4]
+    typical = select(strength[:count].copy(), count - 1 - visible // 4)
     number = 0
     for k in range(count):
         if strength[k] > 0.0 and strength[k] >= _LEAST_STEP * typical:

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @compiled
-def _select(values: Array, k: int) -> float:
+def select(values: Array, k: int) -> float:
     """The value that would be at place k in ascending order; the values are rearranged around it.
 
     Source: C. A. R. Hoare, Algorithm 65: Find, Communications of the ACM 4 (1961).
@@ -40,7 +40,7 @@ def quantile(values: Array, share: float) -> float:
     n = len(values)
     at = share * (n - 1)
     i = min(int(at), max(n - 2, 0))
-    low = _select(values, i)
+    low = select(values, i)
     if i + 1 >= n or at == i:
         return low
     high = values[i + 1]  # the least of those after it

@@ -307,7 +307,7 @@ def gauss_newton(
         if ended:  # the ink is all of the blur: the others go on without it
             for a in range(size):
                 for b in range(size):
-                    frozen[a, b] = 0.0 if a == VARIANCE or b == VARIANCE else normal[a, b]
+                    frozen[a, b] = 0.0 if VARIANCE in (a, b) else normal[a, b]
             frozen[VARIANCE, VARIANCE], gradient[VARIANCE] = 1.0, 0.0
             decrement = newton_step(frozen, gradient, inverse, step)
         if not math.isfinite(decrement):
