@@ -85,6 +85,7 @@ class _Fit:
     base: NDArray[np.int64]
     rates_information: Array
     constants: tuple[float, float]
+    discs: Array
 
 
 def fit_pixels(
@@ -167,7 +168,7 @@ def _fit_of(
         rows[2], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
     constants = _constants(scene, edges)
     least = [_FLOOR_DN2 if noise_floor is None else max(noise_floor(level), _FLOOR_DN2) for level in constants]
-    return _Fit(scene, edges, rows, np.array(least), priors, base, rates, constants)
+    return _Fit(scene, edges, rows, np.array(least), priors, base, rates, constants, np.zeros((STEPS + 1, 5)))
 
 
 def _settled(fit: _Fit) -> FitState | FailedFit:
@@ -246,8 +247,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
     pixel_equations(
         state.table, state.jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn,
         state.rows, used, state.parameters, levels, state.noise,
-        robust_scale_of(state.record), np.empty((size, len(state.table))), np.zeros((STEPS + 1, 5)), normal, gradient,
-        record,
+        robust_scale_of(state.record), fit.discs, normal, gradient, record,
     )  # fmt: skip
     grams, moments, _, _ = sums_of(scene, levels)
     m = len(used)
@@ -271,7 +271,7 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     while True:
         status, parameters, levels, inverse = gauss_newton(
             table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, rows, state.used,
-            parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, record, progress,
+            parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, fit.discs, record, progress,
         )  # fmt: skip
         if status == CONVERGED:
             return FitState(ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record, rows)

@@ -38,7 +38,7 @@ def disc_table(variance: float, table: Array) -> float:
     spread = math.sqrt(total)
     end = radius + 5.0 * spread
     step = 2.0 * end / (STEPS - 1)
-    for i in range(STEPS):
+    for i in range(STEPS // 2):  # the other half mirrors it
         at = -end + i * step
         response, density, cubes = 0.0, 0.0, 0.0
         for j in range(len(_NODES)):
@@ -54,6 +54,10 @@ def disc_table(variance: float, table: Array) -> float:
         gauss /= spread
         table[i, 0], table[i, 1], table[i, 2] = response - cdf, density - gauss, tangential - total * gauss
         table[i, 3] = (tangential - total * density) / 2.0
+        mirror = STEPS - 1 - i
+        table[mirror, 0] = -table[i, 0]
+        for j in range(1, 4):
+            table[mirror, j] = table[i, j]
     for i in range(STEPS):
         low, high = max(i - 1, 0), min(i + 1, STEPS - 1)
         table[i, 4] = (table[high, 3] - table[low, 3]) / ((high - low) * step)

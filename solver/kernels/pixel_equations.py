@@ -29,7 +29,7 @@ from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_table
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
 from roundel.solver.kernels.sector_offsets import MIN_VARIANCE
-from roundel.solver.kernels.small_matrices import weighted_products
+from roundel.solver.kernels.small_matrices import add_products
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ RESIDUAL, SLOPE, SHARE, WEIGHT, CLIPPED, RECORD = 0, 1, 2, 3, 4, 5
 
 DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not visible
 _SAME_DISC = 0.01  # relative change of the variance within which a table is scaled
+_BLOCK = 64  # pixels
 _OUTLIER = 6.0  # sigmas at which Tukey's weight reaches zero: 98 % efficient
 
 
@@ -61,7 +62,6 @@ def pixel_equations(
     levels: Array,
     noise: Array,
     robust_scale: float,
-    design: Array,
     discs: Array,
     normal: Array,
     gradient: Array,
@@ -93,8 +93,6 @@ def pixel_equations(
         Variance of a pixel inside and outside.
     robust_scale : float
         Tukey's weights are in units of so many sigmas; 0 for none.
-    design : (m + 2 k, N) array
-        Working memory: the derivative of each pixel by each parameter.
     discs : (STEPS + 1, 5) array
         Working memory: the table of a disc's blur, and in its last row the variance and the ends of the table.
     normal, gradient : (m + 2 k, m + 2 k) and (m + 2 k,) arrays
@@ -104,7 +102,9 @@ def pixel_equations(
     """
     m, k = len(used), levels.shape[1]
     size = m + 2 * k
-    full, weights = np.zeros(PARAMETERS), np.empty(len(table))
+    # The derivatives of a block of pixels by each parameter, and their residuals, stay in the fastest cache.
+    design, weights = np.empty((size + 1, _BLOCK)), np.empty(_BLOCK)
+    sums, full = np.zeros((size + 1, size + 1)), np.zeros(PARAMETERS)
     variance, disc, ink = parameters[VARIANCE], parameters[DISC], parameters[INK]
     smear_x, smear_y = parameters[SMEAR], parameters[SMEAR + 1]
     smeared = smear_x != 0.0 or smear_y != 0.0
@@ -118,6 +118,7 @@ def pixel_equations(
     for j in range(m):
         moving = moving or used[j] >= RATES
     for i in range(len(table)):
+        at = i % _BLOCK
         pixel = table[i]
         seconds = (pixel[X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
         distance = pixel[DISTANCE]
@@ -178,11 +179,11 @@ def pixel_equations(
         full[GRADIENT], full[GRADIENT + 1] = place[i, 0] * full[VARIANCE], place[i, 1] * full[VARIANCE]
         full[SMEAR], full[SMEAR + 1] = height * smearing * turned_x, height * smearing * turned_y
         for j in range(m):
-            design[j, i] = full[used[j]]
+            design[j, at] = full[used[j]]
         predicted = full[GRADIENT] * parameters[GRADIENT] + full[GRADIENT + 1] * parameters[GRADIENT + 1]
         for j in range(k):
             outer = basis[i, j] * t + basis_slope[i, j] * moment
-            design[m + j, i], design[m + k + j, i] = basis[i, j] - outer, outer
+            design[m + j, at], design[m + k + j, at] = basis[i, j] - outer, outer
             predicted += (basis[i, j] - outer) * levels[0, j] + outer * levels[1, j]
         share = min(max(t, 0.0), 1.0)
         residual = pixel[VALUE] - predicted
@@ -204,10 +205,10 @@ def pixel_equations(
             ratio = residual * residual * weight / (_OUTLIER * robust_scale) ** 2
             weight *= (1.0 - ratio) ** 2 if ratio < 1.0 else 0.0
         record[i, RESIDUAL], record[i, SLOPE], record[i, SHARE], record[i, WEIGHT] = residual, slope_dn, share, weight
-        weights[i] = weight
-    weighted_products(design[:size], weights, normal)
+        weights[at], design[size, at] = weight, residual
+        if at == _BLOCK - 1 or i == len(table) - 1:
+            add_products(design, weights, at + 1, sums)
     for a in range(size):
-        pull = 0.0
-        for i in range(len(table)):
-            pull += design[a, i] * weights[i] * record[i, RESIDUAL]
-        gradient[a] = pull
+        gradient[a] = sums[size, a]
+        for b in range(a + 1):
+            normal[a, b] = normal[b, a] = sums[a, b]

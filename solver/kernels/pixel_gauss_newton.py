@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import CURVATURE, X, Y
-from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.pixel_equations import (
     CLIPPED,
     DISC,
@@ -264,6 +263,7 @@ def gauss_newton(
     priors: Array,
     rates_information: Array,
     noise: Array,
+    discs: Array,
     record: Array,
     progress: Array,
 ) -> tuple[int, Array, Array, Array]:
@@ -286,12 +286,11 @@ def gauss_newton(
     frozen, inked = np.empty((size, size)), False
     for j in range(m):
         inked = inked or used[j] == INK
-    design, discs = np.empty((size, len(table))), np.zeros((STEPS + 1, 5))
     while progress[0] < MAX_STEPS:
         progress[0] += 1
         pixel_equations(
             table, jacobian, place, basis, basis_slope, clip_dn, rows, used, parameters, levels, noise, progress[2],
-            design, discs, normal, gradient, record,
+            discs, normal, gradient, record,
         )  # fmt: skip
         progress[2] = robust_scale_of(record)
         add_priors(used, parameters, levels, priors, rates_information, normal, gradient)

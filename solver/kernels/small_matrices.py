@@ -55,30 +55,46 @@ def inverse_of(normal: Array, inverse: Array) -> bool:
 
 
 @compiled_sums
-def weighted_products(design: Array, weight: Array, normal: Array) -> None:
-    """Write the sums (n, n) of weighted products of the rows of a design (n, N).
+def add_products(design: Array, weight: Array, count: int, normal: Array) -> None:
+    """Add to the lower triangle of a matrix (n, n) the weighted products of the rows of a design (n, N).
 
-    Four rows at a time: each weighted value is then loaded once for four products.
+    Of the first `count` columns, two by four rows at a time: each value is then loaded once for several products. What
+    is written above the diagonal means nothing.
     """
-    size, count = design.shape
-    row = np.empty(count)
-    for a in range(size):
+    size = design.shape[0]
+    one, two = np.empty(count), np.empty(count)
+    for a in range(0, size, 2):
+        last = min(a + 1, size - 1)  # of an odd number of rows the last one is paired with itself
         for i in range(count):
-            row[i] = design[a, i] * weight[i]
-        for b in range(0, a + 1, 4):
-            if b + 3 <= a:
-                s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0
+            one[i], two[i] = design[a, i] * weight[i], design[last, i] * weight[i]
+        for b in range(0, last + 1, 4):
+            if b + 3 < size:
+                s0, s1, s2, s3, t0, t1, t2, t3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
                 for i in range(count):
-                    s0 += row[i] * design[b, i]
-                    s1 += row[i] * design[b + 1, i]
-                    s2 += row[i] * design[b + 2, i]
-                    s3 += row[i] * design[b + 3, i]
-                normal[a, b], normal[a, b + 1], normal[a, b + 2], normal[a, b + 3] = s0, s1, s2, s3
+                    p, q = one[i], two[i]
+                    s0 += p * design[b, i]
+                    s1 += p * design[b + 1, i]
+                    s2 += p * design[b + 2, i]
+                    s3 += p * design[b + 3, i]
+                    t0 += q * design[b, i]
+                    t1 += q * design[b + 1, i]
+                    t2 += q * design[b + 2, i]
+                    t3 += q * design[b + 3, i]
+                normal[a, b] += s0
+                normal[a, b + 1] += s1
+                normal[a, b + 2] += s2
+                normal[a, b + 3] += s3
+                if last > a:
+                    normal[last, b] += t0
+                    normal[last, b + 1] += t1
+                    normal[last, b + 2] += t2
+                    normal[last, b + 3] += t3
             else:
-                for j in range(b, a + 1):
-                    total = 0.0
+                for j in range(b, last + 1):
+                    s0, t0 = 0.0, 0.0
                     for i in range(count):
-                        total += row[i] * design[j, i]
-                    normal[a, j] = total
-        for b in range(a + 1):
-            normal[b, a] = normal[a, b]
+                        s0 += one[i] * design[j, i]
+                        t0 += two[i] * design[j, i]
+                    normal[a, j] += s0
+                    if last > a:
+                        normal[last, j] += t0

@@ -15,7 +15,7 @@ from roundel.solver.kernels.contour_pixels import curvatures, foot_point
 from roundel.solver.kernels.curve_likelihood import SRGB_KIND, encode
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
-from roundel.solver.kernels.small_matrices import inverse_of, weighted_products
+from roundel.solver.kernels.small_matrices import add_products, inverse_of
 
 
 def test_normal_distribution():
@@ -70,8 +70,10 @@ def test_curvatures():
 def test_inverse_and_products(size, seed):
     rng = np.random.default_rng(seed)
     design, weight = rng.normal(size=(size, 40)) * 10.0 ** rng.uniform(-3, 3, (size, 1)), rng.uniform(0, 2, 40)
-    normal, inverse = np.empty((size, size)), np.empty((size, size))
-    weighted_products(design, weight, normal)
+    sums, inverse = np.zeros((size, size)), np.empty((size, size))
+    add_products(design, weight, 25, sums)
+    add_products(np.ascontiguousarray(design[:, 25:]), weight[25:], 15, sums)
+    normal = np.tril(sums) + np.tril(sums, -1).T
     expected = (design * weight) @ design.T
     assert np.allclose(normal, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
     assert inverse_of(normal, inverse)
