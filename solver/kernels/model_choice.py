@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.solver.kernels.compiled import compiled
-from roundel.solver.kernels.small_matrices import inverse_of
 
 Array = NDArray[np.float64]
 
-_RIDGE = 1e-10  # at unit diagonal: functions that the pixels do not tell apart get small coefficients
+_RIDGE = 1e-10  # fraction of a diagonal: a function that the pixels do not tell from the others is left out
 
 
 @compiled
@@ -33,6 +32,21 @@ def _cost_of_extra(added: int, count: int) -> float:
     so two of its own are enough; a smear (two) shifts nothing.
     """
     return 4.0 if added == 1 else 2.0 * added * math.log(count)
+
+
+@compiled
+def _factorise(normal: Array, use: NDArray[np.int64], factor: Array) -> None:
+    """Write Cholesky's factor of a part of a matrix; a row that depends on the ones before it is zero."""
+    for i in range(len(use)):
+        for j in range(i + 1):
+            total = normal[use[i], use[j]]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if j < i:
+                factor[i, j] = total / factor[j, j] if factor[j, j] > 0.0 else 0.0
+            else:
+                least = _RIDGE * max(normal[use[i], use[i]], 1e-300)
+                factor[i, i] = math.sqrt(total) if total > least else 0.0
 
 
 @compiled
@@ -69,32 +83,33 @@ def model_choice(
     """
     extra, most = extras.shape[1], sizes[-1]
     best, best_set, best_size = -math.inf, 0, sizes[0]
-    use = np.empty(len(gradient), np.int64)
+    use, factor, solved = np.empty(len(gradient), np.int64), np.zeros_like(normal), np.empty(len(gradient))
     for chosen in range(len(extras)):
+        n, added = base, 0
+        for i in range(base):
+            use[i] = i
+        for i in range(extra):
+            if extras[chosen, i] == 1:
+                use[n] = base + i
+                n, added = n + 1, added + 1
+        # In this order the first rows of Cholesky's factor are those of the smaller models.
+        fewer = 0
         for size in sizes:
-            n = base
-            for i in range(base):
-                use[i] = i
-            for i in range(extra):
-                if extras[chosen, i] == 1:
-                    use[n] = base + i
-                    n += 1
-            added = n - base
             for side in range(2):
-                for i in range(size):
+                for i in range(fewer, size):
                     use[n] = base + extra + side * most + i
                     n += 1
-            part, inverse = np.empty((n, n)), np.empty((n, n))
-            for i in range(n):
-                for j in range(n):
-                    part[i, j] = normal[use[i], use[j]]
-                part[i, i] = max(part[i, i] * (1.0 + _RIDGE), 1e-12)
-            if not inverse_of(part, inverse):
-                continue
-            explained = 0.0
-            for i in range(n):
-                for j in range(n):
-                    explained += gradient[use[i]] * inverse[i, j] * gradient[use[j]]
+            fewer = size
+        _factorise(normal, use[:n], factor)
+        explained, done = 0.0, 0
+        for size in sizes:
+            for i in range(done, base + added + 2 * size):
+                total = gradient[use[i]]
+                for j in range(i):
+                    total -= factor[i, j] * solved[j]
+                solved[i] = total / factor[i, i] if factor[i, i] > 0.0 else 0.0
+                explained += solved[i] * solved[i]
+            done = base + added + 2 * size
             score = explained / (scale * scale) - _cost_of_extra(added, count) - _cost(size, count)
             if score > best:
                 best, best_set, best_size = score, chosen, size
