@@ -18,9 +18,16 @@ from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.fit.band_pixels import place_pixels
 from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.fit.ellipse import FailedFit, fit_ellipse
-from roundel.solver.kernels.contour_band import clipping, contour_band, edge_pixels, flat_reach, plateau_pixels
-from roundel.solver.kernels.contour_pixels import DISTANCE, NORMAL_X, X
-from roundel.solver.kernels.contour_scene import level_functions, plateau_sums
+from roundel.solver.kernels.contour_band import (
+    clipping,
+    contour_band,
+    edge_functions,
+    edge_pixels,
+    flat_reach,
+    plateau_pixels,
+    side_functions,
+)
+from roundel.solver.kernels.contour_scene import plateau_sums
 
 Array = NDArray[np.float64]
 
@@ -105,16 +112,20 @@ def scene_of(
     wider = round(_WIDER_PX + _WIDER_BLURS * edges.blur_px)
     low, high = edges.reach_px
     reach = _EDGE_SIGMAS * math.sqrt(edges.blur_px**2 + PIXEL_VARIANCE) + 0.8
-    band = contour_band(image, edges.ellipse, low - wider, high + wider, reach + _CLIPPED_PX, trusted)
+    band, found = contour_band(image, edges.ellipse, low - wider, high + wider, reach + _CLIPPED_PX, trusted)
     sectors = int(np.count_nonzero(trusted))
     if not sectors or not len(band):
         return FailedFit("the contour is outside the image")
     ends = flat_reach(band, len(trusted), np.array([low, high]), edges.contrast_dn, edges.noise_dn, wider)
-    clip_dn, *clipped, share = clipping(band, ends, float(full_scale_dn), sectors)
-    first, last = max(-reach - _CLIPPED_PX * clipped[0], ends[0]), min(reach + _CLIPPED_PX * clipped[1], ends[1])
-    edge, starts, jacobian = edge_pixels(image, edges.ellipse, first, last, trusted)
-    sides = [plateau_pixels(band, ends[0], first), plateau_pixels(band, last, ends[1])]
-    if len(edge) + len(sides[0]) + len(sides[1]) < _FEWEST or len(edge) < _FEWEST // 3:
+    clip_dn, clips_inside, clips_outside, share = clipping(band, ends, float(full_scale_dn), sectors)
+    first = max(-reach - _CLIPPED_PX * clips_inside, float(ends[0]))
+    last = min(reach + _CLIPPED_PX * clips_outside, float(ends[1]))
+    edge, starts, jacobian = edge_pixels(band, found, first, last, len(trusted))
+    # A clipped plateau tells nothing of its level.
+    inside = plateau_pixels(band, math.inf if clips_inside else ends[0], first)
+    outside = plateau_pixels(band, math.inf if clips_outside else last, ends[1])
+    pixels = len(edge) + len(inside) + len(outside)
+    if pixels < _FEWEST or len(edge) < _FEWEST // 3:
         return FailedFit("too few pixels along the contour")
     ellipse = _start(edges, lens)
     if isinstance(ellipse, FailedFit):
@@ -124,31 +135,25 @@ def scene_of(
         if isinstance(placed, FailedFit):
             return placed
         jacobian = placed
-    centre, size_px = edges.ellipse[:2], max(float(edges.ellipse[2]), 2.0)
-    most = _most_functions(len(edge) + len(sides[0]) + len(sides[1]), (clipped[0], clipped[1]))
-
-    def functions(x: Array, y: Array) -> Array:
-        # Contiguous copies: a kernel is compiled again for each memory layout.
-        return level_functions(np.ascontiguousarray(x), np.ascontiguousarray(y), centre, size_px, most)
-
-    normal = edge[:, NORMAL_X : NORMAL_X + 2]
-    x, y = edge[:, X], edge[:, X + 1]
-    basis = functions(x, y)
-    feet = edge[:, X : X + 2] - edge[:, DISTANCE, None] * normal
-    sides = [side[:0] if clips else side for side, clips in zip(sides, clipped, strict=True)]
-    inside, outside = (Plateau(functions(side[:, 0], side[:, 1]), side[:, 2].copy()) for side in sides)
+    centre, size_px = edges.ellipse[:2].copy(), max(float(edges.ellipse[2]), 2.0)
+    most = _most_functions(pixels, (clips_inside, clips_outside))
+    basis, basis_slope, place = edge_functions(edge, centre, size_px, most)
+    plateaus = (
+        Plateau(*side_functions(inside, centre, size_px, most)),
+        Plateau(*side_functions(outside, centre, size_px, most)),
+    )
     return PixelScene(
         ellipse,
         edge,
         starts,
         jacobian,
         basis,
-        functions(x + normal[:, 0], y + normal[:, 1]) - basis,
-        (feet - centre) / size_px,
-        (inside, outside),
+        basis_slope,
+        place,
+        plateaus,
         lens,
         clip_dn,
-        (clipped[0], clipped[1]),
+        (clips_inside, clips_outside),
         share,
     )
 

@@ -1,4 +1,4 @@
-"""The grey levels in a wide band along a contour: how far they stay flat beside the edge, and whether they clip."""
+"""The pixels of a fit: a band along a contour, how far its levels stay flat, whether they clip, level functions."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import (
     COLUMNS,
+    DISTANCE,
     NORMAL_X,
     NORMAL_Y,
     U_X,
     U_Y,
+    X,
+    Y,
     arc_lengths,
-    contour_pixels,
     foot_point,
     pixel_rows,
     turn_of,
+    write_pixel,
 )
 from roundel.solver.kernels.trace_contour import shape_row
 
@@ -37,8 +40,13 @@ _SHADES = 0.4  # pixels with a shade between the levels, per sector: an edge has
 
 @compiled
 def contour_band(
-    image: NDArray[np.float32], ellipse: Array, low: float, high: float, exact_px: float, trusted: NDArray[np.bool_]
-) -> Array:
+    image: NDArray[np.float32],
+    ellipse: Array,
+    low: float,
+    high: float,
+    edge_px: float,
+    trusted: NDArray[np.bool_],
+) -> tuple[Array, Array]:
     """Pixels of the trusted sectors whose distance to an ellipse is within limits, and within 0.9 b on the inner side.
 
     Parameters
@@ -48,14 +56,17 @@ def contour_band(
         x_px, y_px, a_px, b_px, angle_deg.
     low, high : float
         Limits of the distance, px.
-    exact_px : float
-        Distances up to this are exact, others are those along the gradient of the radius.
+    edge_px : float
+        Pixels up to this distance are those of the edge; farther ones have the distance along the gradient of the
+        radius.
     trusted : (S,) array of bool
 
     Returns
     -------
-    (N, 5) array
+    band : (N, 5) array
         x, y, level, distance, sector.
+    edge : (N, 12) array
+        See `contour_pixels`: of those pixels of the band that are the edge's, in the same rows.
     """
     x, y, a, b = ellipse[0], ellipse[1], ellipse[2], ellipse[3]
     angle = math.radians(ellipse[4])
@@ -65,30 +76,37 @@ def contour_band(
     most = 0
     for r in range(len(rows)):
         most += rows[r, 2] - rows[r, 1] + 1
-    band, n = np.empty((most, BAND)), 0
+    band, edge, n = np.empty((most, BAND)), np.empty((most, COLUMNS)), 0
     lengths = arc_lengths(a, b)
     knots = len(lengths) - 1
+    per_a, per_b, per_length = 1.0 / a, 1.0 / b, count / lengths[knots]
     for r in range(len(rows)):
         dy = rows[r, 0] - y
         for column in range(rows[r, 1], rows[r, 2] + 1):
             dx = column - x
             p, q = c * dx + s * dy, c * dy - s * dx
-            ux, uy = p / a, q / b
+            ux, uy = p * per_a, q * per_b
             radius = math.sqrt(ux * ux + uy * uy)
-            distance = (radius - 1.0) * radius / math.sqrt((ux / a) ** 2 + (uy / b) ** 2 + 1e-300)
-            if abs(distance) < 1.5 * exact_px:
-                distance, _nx, _ny, ux, uy = foot_point(a, b, p, q)
+            steep = math.sqrt((ux * per_a) ** 2 + (uy * per_b) ** 2 + 1e-300)
+            distance, nx, ny = (radius - 1.0) * radius / steep, 0.0, 0.0
+            near = abs(distance) < edge_px + 1.0
+            if near:
+                distance, nx, ny, ux, uy = foot_point(a, b, p, q)
             if not inner <= distance <= high:
                 continue
             at = turn_of(ux, uy) * knots
             knot = min(int(at), knots - 1)
             arc = lengths[knot] + (lengths[knot + 1] - lengths[knot]) * (at - knot)
-            sector = min(int(arc * count / lengths[knots]), count - 1)
-            if trusted[sector]:
-                band[n, BAND_X], band[n, BAND_Y], band[n, LEVEL] = column, rows[r, 0], image[rows[r, 0], column]
-                band[n, OFFSET], band[n, SECTOR] = distance, sector
-                n += 1
-    return band[:n]
+            sector = min(int(arc * per_length), count - 1)
+            if not trusted[sector]:
+                continue
+            value = image[rows[r, 0], column]
+            band[n, BAND_X], band[n, BAND_Y], band[n, LEVEL] = column, rows[r, 0], value
+            band[n, OFFSET], band[n, SECTOR] = distance, sector
+            if near:
+                write_pixel(edge[n], column, rows[r, 0], value, distance, nx, ny, ux, uy, c, s, a, b)
+            n += 1
+    return band[:n], edge
 
 
 @compiled
@@ -181,18 +199,69 @@ def plateau_pixels(band: Array, first: float, last: float) -> Array:
 
 @compiled
 def edge_pixels(
-    image: NDArray[np.float32], ellipse: Array, low: float, high: float, trusted: NDArray[np.bool_]
+    band: Array, edge: Array, first: float, last: float, sectors: int
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """The pixels of the trusted sectors, their starts (see `contour_pixels`), and the jacobian (N, 5)."""
-    count = len(trusted)
-    table, starts = contour_pixels(image, ellipse, low, high, count)
-    jacobian, kept, n = np.empty((len(table), 5)), np.zeros(count + 1, np.int64), 0
-    for s in range(count):
-        if trusted[s]:
-            for i in range(starts[s], starts[s + 1]):
-                for j in range(COLUMNS):
-                    table[n, j] = table[i, j]
-                shape_row(table[n, NORMAL_X], table[n, NORMAL_Y], table[n, U_X], table[n, U_Y], jacobian[n])
-                n += 1
-        kept[s + 1] = n
-    return table[:n].copy(), kept, jacobian[:n].copy()
+    """The edge's pixels between two distances, sorted by sector, the starts of the sectors, and the jacobian (N, 5)."""
+    starts = np.zeros(sectors + 1, np.int64)
+    for i in range(len(band)):
+        if first <= band[i, OFFSET] <= last:
+            starts[int(band[i, SECTOR]) + 1] += 1
+    for s in range(sectors):
+        starts[s + 1] += starts[s]
+    following = starts[:sectors].copy()
+    table, jacobian = np.empty((starts[sectors], COLUMNS)), np.empty((starts[sectors], 5))
+    for i in range(len(band)):
+        if first <= band[i, OFFSET] <= last:
+            n = following[int(band[i, SECTOR])]
+            following[int(band[i, SECTOR])] += 1
+            for j in range(COLUMNS):
+                table[n, j] = edge[i, j]
+            shape_row(table[n, NORMAL_X], table[n, NORMAL_Y], table[n, U_X], table[n, U_Y], jacobian[n])
+    return table, starts, jacobian
+
+
+@compiled
+def level_functions(x: float, y: float, k: int, out: Array) -> None:
+    """Write level functions (k,) at a place relative to the centre: 1; x, y; squares; harmonics of the direction."""
+    out[0] = 1.0
+    if k > 1:
+        out[1], out[2] = x, y
+    if k > 3:
+        out[3], out[4], out[5] = x * x - y * y, 2.0 * x * y, x * x + y * y - 1.0
+    if k > 6:
+        length = 1.0 / max(math.sqrt(x * x + y * y), 0.25)
+        u, v = x * length, y * length
+        re, im = u * u - v * v, 2.0 * u * v
+        for j in range(4):
+            re, im = re * u - im * v, re * v + im * u
+            out[6 + 2 * j], out[7 + 2 * j] = re, im
+
+
+@compiled
+def side_functions(side: Array, centre: Array, size_px: float, k: int) -> tuple[Array, Array]:
+    """Level functions (n, k) and levels (n,) of the pixels of a plateau."""
+    basis, value = np.empty((len(side), k)), np.empty(len(side))
+    for i in range(len(side)):
+        level_functions((side[i, 0] - centre[0]) / size_px, (side[i, 1] - centre[1]) / size_px, k, basis[i])
+        value[i] = side[i, 2]
+    return basis, value
+
+
+@compiled
+def edge_functions(table: Array, centre: Array, size_px: float, k: int) -> tuple[Array, Array, Array]:
+    """Level functions (N, k) at the edge's pixels, their change along the normal, 1/px, and the foot points (N, 2).
+
+    Foot points are relative to the centre, in units of `size_px`.
+    """
+    count = len(table)
+    basis, slope, place = np.empty((count, k)), np.empty((count, k)), np.empty((count, 2))
+    for i in range(count):
+        pixel = table[i]
+        x, y = (pixel[X] - centre[0]) / size_px, (pixel[Y] - centre[1]) / size_px
+        nx, ny = pixel[NORMAL_X] / size_px, pixel[NORMAL_Y] / size_px
+        level_functions(x, y, k, basis[i])
+        level_functions(x + nx, y + ny, k, slope[i])
+        for j in range(k):
+            slope[i, j] -= basis[i, j]
+        place[i, 0], place[i, 1] = x - pixel[DISTANCE] * nx, y - pixel[DISTANCE] * ny
+    return basis, slope, place

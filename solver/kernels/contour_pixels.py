@@ -167,6 +167,31 @@ def turn_of(ux: float, uy: float) -> float:
 
 
 @compiled
+def write_pixel(
+    pixel: Array,
+    x: float,
+    y: float,
+    value: float,
+    distance: float,
+    nx: float,
+    ny: float,
+    ux: float,
+    uy: float,
+    c: float,
+    s: float,
+    a: float,
+    b: float,
+) -> None:
+    """Write a row of a table; normal and direction are in the ellipse's frame, of cosine c and sine s."""
+    pixel[X], pixel[Y], pixel[VALUE], pixel[DISTANCE] = x, y, value, distance
+    pixel[NORMAL_X], pixel[NORMAL_Y] = c * nx - s * ny, s * nx + c * ny
+    pixel[U_X], pixel[U_Y] = c * ux - s * uy, s * ux + c * uy
+    across_x, across_y = abs(pixel[NORMAL_X]), abs(pixel[NORMAL_Y])
+    pixel[HALF_SUM], pixel[HALF_DIFFERENCE] = (across_x + across_y) / 2.0, (across_x - across_y) / 2.0
+    pixel[CURVATURE], pixel[CURVATURE_SS] = curvatures(a, b, ux, uy)
+
+
+@compiled
 def contour_pixels(
     image: NDArray[np.float32], ellipse: Array, low: float, high: float, count: int
 ) -> tuple[Array, NDArray[np.int64]]:
@@ -216,13 +241,7 @@ def contour_pixels(
             arc = lengths[knot] + (lengths[knot + 1] - lengths[knot]) * (at - knot)
             sector[n] = min(int(arc * per_length), count - 1)
             starts[sector[n] + 1] += 1
-            pixel = found[n]
-            pixel[X], pixel[Y], pixel[VALUE], pixel[DISTANCE] = column, row, image[row, column], distance
-            pixel[NORMAL_X], pixel[NORMAL_Y] = c * nx - s * ny, s * nx + c * ny
-            pixel[U_X], pixel[U_Y] = c * ux - s * uy, s * ux + c * uy
-            across_x, across_y = abs(pixel[NORMAL_X]), abs(pixel[NORMAL_Y])
-            pixel[HALF_SUM], pixel[HALF_DIFFERENCE] = (across_x + across_y) / 2.0, (across_x - across_y) / 2.0
-            pixel[CURVATURE], pixel[CURVATURE_SS] = curvatures(a, b, ux, uy)
+            write_pixel(found[n], column, row, image[row, column], distance, nx, ny, ux, uy, c, s, a, b)
             n += 1
     following = np.empty(count, np.int64)
     for i in range(count):

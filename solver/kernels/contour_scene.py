@@ -1,4 +1,4 @@
-"""The pixels of a fit: level functions, sums over the plateaus, and the distances for another ellipse."""
+"""Sums over the plateaus of a contour, their medians, and the distances of its pixels to another ellipse."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from numpy.typing import NDArray
 
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import (
-    CURVATURE,
-    CURVATURE_SS,
     DISTANCE,
-    HALF_DIFFERENCE,
-    HALF_SUM,
     NORMAL_X,
     NORMAL_Y,
     U_X,
@@ -21,8 +17,8 @@ from roundel.solver.kernels.contour_pixels import (
     VALUE,
     X,
     Y,
-    curvatures,
     foot_point,
+    write_pixel,
 )
 from roundel.solver.kernels.order_statistics import median, quantile
 from roundel.solver.kernels.trace_contour import shape_row
@@ -31,27 +27,6 @@ Array = NDArray[np.float64]
 
 _MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
 _STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
-
-
-@compiled
-def level_functions(x: Array, y: Array, centre: Array, size_px: float, k: int) -> Array:
-    """Level functions (N, k) at places (N,): 1; x, y; their squares; harmonics of the direction."""
-    out = np.empty((len(x), k))
-    for i in range(len(x)):
-        u, v = (x[i] - centre[0]) / size_px, (y[i] - centre[1]) / size_px
-        out[i, 0] = 1.0
-        if k > 1:
-            out[i, 1], out[i, 2] = u, v
-        if k > 3:
-            out[i, 3], out[i, 4], out[i, 5] = u * u - v * v, 2.0 * u * v, u * u + v * v - 1.0
-        if k > 6:
-            length = max(math.hypot(u, v), 0.25)
-            u, v = u / length, v / length
-            re, im = u * u - v * v, 2.0 * u * v
-            for j in range(4):
-                re, im = re * u - im * v, re * v + im * u
-                out[i, 6 + 2 * j], out[i, 7 + 2 * j] = re, im
-    return out
 
 
 @compiled
@@ -112,12 +87,7 @@ def place_at(table: Array, ellipse: Array, jacobian: Array) -> None:
         pixel = table[i]
         dx, dy = pixel[X] - ellipse[0], pixel[Y] - ellipse[1]
         distance, nx, ny, ux, uy = foot_point(a, b, c * dx + s * dy, c * dy - s * dx)
-        pixel[DISTANCE] = distance
-        pixel[NORMAL_X], pixel[NORMAL_Y] = c * nx - s * ny, s * nx + c * ny
-        pixel[U_X], pixel[U_Y] = c * ux - s * uy, s * ux + c * uy
-        across_x, across_y = abs(pixel[NORMAL_X]), abs(pixel[NORMAL_Y])
-        pixel[HALF_SUM], pixel[HALF_DIFFERENCE] = (across_x + across_y) / 2.0, (across_x - across_y) / 2.0
-        pixel[CURVATURE], pixel[CURVATURE_SS] = curvatures(a, b, ux, uy)
+        write_pixel(pixel, pixel[X], pixel[Y], pixel[VALUE], distance, nx, ny, ux, uy, c, s, a, b)
         shape_row(pixel[NORMAL_X], pixel[NORMAL_Y], pixel[U_X], pixel[U_Y], jacobian[i])
 
 
