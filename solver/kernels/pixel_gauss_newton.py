@@ -189,6 +189,12 @@ def add_priors(
 
 
 @compiled
+def _steepest(parameters: Array) -> float:
+    """Largest change of the edge's variance from the centre of the marker to its contour: that of lens and ink, halved."""
+    return (parameters[VARIANCE] + max(parameters[INK], 0.0)) / 2.0
+
+
+@compiled
 def moved(parameters: Array, levels: Array, used: NDArray[np.int64], step: Array, part: float) -> tuple[Array, Array]:
     """Parameters and levels after a part of a step, with the blur kept within bounds."""
     out, after = parameters.copy(), levels.copy()
@@ -203,12 +209,27 @@ def moved(parameters: Array, levels: Array, used: NDArray[np.int64], step: Array
     out[VARIANCE] = variance
     out[DISC] = min(max(out[DISC], _DISC_LOWEST), _DISC_HIGHEST)
     for j in range(GRADIENT, SMEAR):
-        out[j] = min(max(out[j], -variance / 2.0), variance / 2.0)
+        most = _steepest(out)
+        out[j] = min(max(out[j], -most), most)
     smear = math.hypot(out[SMEAR], out[SMEAR + 1])
     if smear > variance:
         out[SMEAR], out[SMEAR + 1] = out[SMEAR] * variance / smear, out[SMEAR + 1] * variance / smear
     out[INK] = max(out[INK], -variance / 2.0)
     return out, after
+
+
+@compiled
+def _allowed(parameter: int, parameters: Array, step: float, inked: bool) -> float:
+    """The part of a step of a parameter that stays within its bounds, see `moved`."""
+    value = parameters[parameter]
+    if parameter == VARIANCE and inked:  # the ink is all of the blur
+        return 0.0 if step < 0.0 and value <= MIN_VARIANCE else step
+    if parameter == DISC:
+        return min(max(step, _DISC_LOWEST - value), _DISC_HIGHEST - value)
+    if GRADIENT <= parameter < SMEAR:
+        most = _steepest(parameters)
+        return min(max(step, -most - value), most - value)
+    return step
 
 
 @compiled
@@ -283,7 +304,7 @@ def gauss_newton(
     size = m + 2 * k
     normal, inverse, gradient, step = np.empty((size, size)), np.empty((size, size)), np.empty(size), np.empty(size)
     turned = np.zeros(5)
-    frozen, inked = np.empty((size, size)), False
+    frozen, held, inked = np.empty((size, size)), np.empty(m, np.bool_), False
     for j in range(m):
         inked = inked or used[j] == INK
     while progress[0] < MAX_STEPS:
@@ -302,12 +323,23 @@ def gauss_newton(
                     normal[at, m + i * k + b] += grams[i, a, b] / noise[i]
                     gradient[at] -= grams[i, a, b] * levels[i, b] / noise[i]
         decrement = newton_step(normal, gradient, inverse, step)
-        ended = inked and step[VARIANCE] < 0.0 and parameters[VARIANCE] <= MIN_VARIANCE
-        if ended:  # the ink is all of the blur: the others go on without it
+        # Parameters that would leave their bounds end there, and the others take the step that suits this.
+        ended = False
+        for j in range(m):
+            part = _allowed(used[j], parameters, step[j], inked)
+            held[j] = part != step[j]
+            ended = ended or held[j]
+            step[j] = part
+        if ended:
             for a in range(size):
                 for b in range(size):
-                    frozen[a, b] = 0.0 if VARIANCE in (a, b) else normal[a, b]
-            frozen[VARIANCE, VARIANCE], gradient[VARIANCE] = 1.0, 0.0
+                    out = b < m and held[b]
+                    if out:
+                        gradient[a] -= normal[a, b] * step[b]
+                    frozen[a, b] = 0.0 if out or (a < m and held[a]) else normal[a, b]
+            for j in range(m):
+                if held[j]:
+                    frozen[j, j], gradient[j] = 1.0, step[j]
             decrement = newton_step(frozen, gradient, inverse, step)
         if not math.isfinite(decrement):
             return UNDETERMINED, parameters, levels, inverse
