@@ -190,7 +190,7 @@ def add_priors(
 
 @compiled
 def _steepest(parameters: Array) -> float:
-    """Largest change of the edge's variance from the centre of the marker to its contour: that of lens and ink, halved."""
+    """Largest change of the variance from the centre of the marker to its contour: half that of lens and ink."""
     return (parameters[VARIANCE] + max(parameters[INK], 0.0)) / 2.0
 
 
