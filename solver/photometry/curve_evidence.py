@@ -53,7 +53,7 @@ _LEAST_SIGMA = 0.3 / 255  # rounding to 8 bits
 _BETTER, _THIRD = 16.0, 16.0
 _PLAIN = 4 * _BETTER  # further contours would add nothing
 _PARTS, _AGREEMENT = 16, 3.0  # parts of a contour, and standard errors by which they must agree
-_MOST_PIXELS = 2000  # more would decide nothing else
+_FEW, _MOST = 700, 2000  # pixels of a contour; more are only needed where few do not decide
 _MOST_MISFIT = 20.0  # reduced chi-square beyond which no curve explains the pixels
 
 
@@ -115,24 +115,34 @@ def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], 
         The top of the range of the levels, where pixels saturate.
     """
     order = sorted(contours, key=lambda e: -abs(e.contrast_dn) * math.sqrt(e.coverage * float(e.ellipse[2])))
+    few = _evidence(levels, order[:_CONTOURS], full_scale_dn, _FEW)
+    plain = abs(few.chi2[0] - few.chi2[1]) > _PLAIN
+    return few if plain or few.sharpened else _evidence(levels, order[:_CONTOURS], full_scale_dn, _MOST)
+
+
+def _evidence(
+    levels: NDArray[np.float32], contours: Sequence[EdgePoints], full_scale_dn: float, most: int
+) -> CurveEvidence:
+    """The evidence of so many pixels of each contour; the next one is only asked if those before do not decide."""
     total, misfit = np.zeros(2), 0.0
-    measured: list[tuple[_Edge, float]] = []
+    measured: list[tuple[_Edge, float, Array]] = []
     parts: list[Array] = []
-    for edges in order[:_CONTOURS]:
+    for edges in contours:
         if overshoots(levels, edges):
             return CurveEvidence(sharpened=True)
-        edge = _edge_of(levels, edges, full_scale_dn)
+        edge = _edge_of(levels, edges, full_scale_dn, most)
         if edge is None:
             continue
-        fits = [_fit(edge, curve) for curve in (LINEAR, SRGB)]
+        linear = _fit(edge, LINEAR)
+        fits = [linear, _fit(edge, SRGB, linear[1])]
         chi2 = np.array([fit[0] for fit in fits])
         if not np.all(np.isfinite(chi2)):
             continue
         reduced = float(np.min(chi2)) / max(len(edge.table) - UNKNOWNS, 1)
         scale = max(reduced, 1.0)
         total += chi2 / scale
-        parts.append(np.bincount(edge.part, fits[1][1] - fits[0][1], minlength=_PARTS) / scale)
-        measured.append((edge, scale))
+        parts.append(np.bincount(edge.part, fits[1][2] - fits[0][2], minlength=_PARTS) / scale)
+        measured.append((edge, scale, fits[int(np.argmin(chi2))][1]))
         misfit = max(misfit, reduced)
         if abs(total[0] - total[1]) > _PLAIN:
             break
@@ -144,7 +154,7 @@ def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], 
     third = math.inf
     if abs(total[0] - total[1]) > _BETTER:
         for curve in _BESIDE[int(np.argmin(total))]:
-            third = min(third, sum(_fit(edge, curve)[0] / scale for edge, scale in measured))
+            third = min(third, sum(_fit(edge, curve, start)[0] / scale for edge, scale, start in measured))
     return CurveEvidence((float(total[0]), float(total[1])), third, agreement, misfit, len(measured))
 
 
@@ -160,8 +170,8 @@ class _Edge:
     variance: float
 
 
-def _edge_of(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: float) -> _Edge | None:
-    found = _pixels(levels, edges, full_scale_dn)
+def _edge_of(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: float, most: int) -> _Edge | None:
+    found = _pixels(levels, edges, full_scale_dn, most)
     if found is None:
         return None
     table, part = found
@@ -183,21 +193,22 @@ def _edge_of(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: floa
     return _Edge(table, weight, place, part, (sides[0], sides[1]), variance)
 
 
-def _fit(edge: _Edge, curve: ResponseCurve) -> tuple[float, Array]:
-    """Chi-square of an edge for a curve, and what each pixel adds to it."""
+def _fit(edge: _Edge, curve: ResponseCurve, near: Array | None = None) -> tuple[float, Array, Array]:
+    """Chi-square of an edge for a curve, its unknowns, and what each pixel adds; `near` has those of another curve."""
     start = np.zeros(UNKNOWNS)
     start[5] = math.log(edge.variance)
+    if near is not None:
+        start[:7] = near[:7]  # ellipse and blur
     for j, plane in zip((7, 10), edge.sides, strict=True):
         level = min(max(float(plane[0]), 1e-3), 1.0)
         start[j] = float(curve.light(level))
         start[j + 1 : j + 3] = plane[1:] * float(np.diff(curve.light([level, level + 1e-3]))[0]) * 1e3
     kind = {"linear": LINEAR_KIND, "srgb": SRGB_KIND}.get(curve.kind, GAMMA_KIND)
-    chi2, _, squares = curve_likelihood(edge.table, edge.weight, edge.place, start, kind, curve.gamma)
-    return chi2, squares
+    return curve_likelihood(edge.table, edge.weight, edge.place, start, kind, curve.gamma)
 
 
 def _pixels(
-    levels: NDArray[np.float32], edges: EdgePoints, saturation_dn: float
+    levels: NDArray[np.float32], edges: EdgePoints, saturation_dn: float, most: int
 ) -> tuple[Array, NDArray[np.int64]] | None:
     """The pixels around the trusted part of a contour, up to where they start to be clipped, and the part of each."""
     low, high = edges.reach_px
@@ -205,7 +216,7 @@ def _pixels(
     table, starts = contour_pixels(levels, edges.ellipse, low - _PLATEAU_PX / 2, high + _PLATEAU_PX / 2, count)
     part = np.repeat(np.arange(count) * _PARTS // count, np.diff(starts))
     # Of a long contour every second sector, or fewer.
-    some = edges.trusted & (np.arange(count) % max(1, round(len(table) / _MOST_PIXELS)) == 0)
+    some = edges.trusted & (np.arange(count) % max(1, round(len(table) / most)) == 0)
     trusted = np.repeat(some, np.diff(starts))
     table, part = table[trusted], part[trusted]
     clipped = table[:, VALUE] >= saturation_dn * _SATURATED
