@@ -62,6 +62,8 @@ def grey_levels(
 
 def encodable(image: NDArray[Any]) -> bool:
     """Whether an array may have encoded levels: no negative ones, and none beyond 16 bits."""
+    if image.dtype in (np.uint8, np.uint16):
+        return True
     return float(np.min(image)) >= 0.0 and float(np.max(image)) <= 65535.0
 
 
@@ -82,12 +84,12 @@ def _checked(image: NDArray[Any]) -> tuple[NDArray[Any], float]:
     integers = pixels.dtype.kind in "iu"
     if not integers and pixels.dtype.kind != "f":
         raise ValueError(f"an image has integers or real numbers, not {pixels.dtype}")
-    low, largest = float(np.min(pixels)), float(np.max(pixels))
-    if not (math.isfinite(low) and math.isfinite(largest)):
-        raise ValueError("the image has values that are not finite")
     if integers and pixels.dtype.itemsize <= 2:
         full_scale = float(np.iinfo(pixels.dtype).max)
     else:
+        low, largest = float(np.min(pixels)), float(np.max(pixels))
+        if not (math.isfinite(low) and math.isfinite(largest)):
+            raise ValueError("the image has values that are not finite")
         # Real numbers and very wide integers have no saturation level of their own: the smallest of 1, 255 and 65,535
         # that contains all values is used. Larger ones saturate nowhere, not at their own maximum.
         full_scale = next(v for v in (1.0, 255.0, 65535.0, _ABOVE * largest) if v >= largest)

@@ -8,7 +8,7 @@ preserve J = diag(-1, -1, 1): a one-sided Jacobi method (hyperbolic singular val
 the small eigenvalues of an ellipse of 1e-5 px keep all their digits, whereas the eigenvalues of K^T C K lose them (the
 errata measured 14 % there).
 
-A single circle is solved in plain floats (`circle_pose_scalar`), many in chunks whose arrays stay in the processor's
+A few circles are solved in plain floats (`circle_pose_scalar`), many in chunks whose arrays stay in the processor's
 cache (`circle_pose_batch`).
 """
 
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 # About 25 arrays of a chunk are in use at a time: with 32 KiB each they fit a second-level cache of 1 MiB.
 _CHUNK = 4096
+_FEW = 24  # ellipses for which plain floats are faster
 
 
 @dataclass(frozen=True)
@@ -103,10 +104,13 @@ def poses_from_ellipse(ellipse: ArrayLike, K: ArrayLike, radius_m: ArrayLike) ->
         As `poses_from_conic`.
     """
     e, k, radius = (np.asarray(v, dtype=np.float64) for v in (ellipse, K, radius_m))
-    if e.shape == (5,) and k.shape == (3, 3) and radius.ndim == 0:
-        one = pose_of_ellipse(e.tolist(), k.tolist(), float(radius))
-        if one is not None:
-            return CirclePoses(np.array(one[0]), np.array(one[1]))
+    if e.ndim and e.shape[-1] == 5 and e.size <= 5 * _FEW and k.shape == (3, 3) and radius.ndim == 0:
+        rows, r = k.tolist(), float(radius)
+        one_by_one = [pose_of_ellipse(one, rows, r) for one in e.reshape(-1, 5).tolist()]
+        sound = [pair for pair in one_by_one if pair is not None]
+        if len(sound) == len(one_by_one):
+            pairs = np.array(sound).reshape(*e.shape[:-1], 2, 2, 3)
+            return CirclePoses(pairs[..., 0, :, :].copy(), pairs[..., 1, :, :].copy())
     if e.ndim == 0 or e.shape[-1] != 5:
         raise ValueError(f"an ellipse has five parameters in its last axis; this array has shape {e.shape}")
     return _in_chunks(e, k, radius)
