@@ -113,7 +113,8 @@ def shared_excess(offset: Array, sigma: Array, direction: Array, shape: Array) -
     shape : (S, 5) array
         Derivative of the offsets by the ellipse.
     """
-    return _shared_excess(offset / sigma, shape / sigma[:, None], sigma, direction)
+    # Contiguous: a kernel is compiled again for each memory layout.
+    return _shared_excess(offset / sigma, np.ascontiguousarray(shape / sigma[:, None]), sigma, direction)
 
 
 @compiled

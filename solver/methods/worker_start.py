@@ -6,9 +6,8 @@ import pickle
 from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
-import numpy as np
-
 from roundel.scenes.errors import UsageError, first_line
+from roundel.solver.methods.compilation_shares import drawn_disc
 from roundel.solver.methods.locate import locate
 
 Item = TypeVar("Item")
@@ -19,9 +18,7 @@ def after_warm_up(items: Iterable[Item]) -> Iterator[Item]:
 
     Otherwise each of them would compile its own. They start meanwhile.
     """
-    y, x = np.mgrid[:96, :128]
-    inside = np.clip(30.5 - np.hypot((x - 63.2) / 1.2, y - 47.6), 0.0, 1.0)
-    locate(np.rint(200 - 150 * inside).astype(np.uint8), 1.0)
+    locate(drawn_disc(), 1.0)
     yield from items
 
 

@@ -1,0 +1,89 @@
+"""The first compilation after an installation: a word to the user, and other processes that compile a share of it.
+
+Numba compiles one function at a time. While this process compiles the kernels of detection, which are needed first,
+others compile those of the fits, by running them, and leave them in the cache. If they fail, this process compiles all.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+NOTICE = "roundel: compiling the solver's inner loops, once after an installation (some 15 s)"
+
+_OWN = "roundel.solver.detect."  # its kernels are compiled by this process
+_PROGRAM = (
+    "import sys; sys.path[:] = {path!r}; "
+    "from roundel.solver.methods.compilation_shares import compile_share; compile_share({share!r})"
+)
+_SHARES = ("contours", "fits")
+_POLL_S = 0.05
+_LONGEST_S = 120.0  # a share takes 10 s on a quiet machine
+
+
+class _State:
+    """What this process has begun."""
+
+    begun = False
+    others: list[subprocess.Popen[bytes]] = []
+    until_s = 0.0
+
+
+def start_compilation(share: bool) -> None:
+    """Tell the user, and start other processes if it is worth while (`share`); only the first call does anything."""
+    if _State.begun:
+        return
+    _State.begun = True
+    if sys.stderr is not None and sys.stderr.isatty():
+        print(NOTICE, file=sys.stderr, flush=True)
+    else:
+        logging.getLogger("roundel").info(NOTICE)
+    if share and (os.cpu_count() or 1) > 1 and _is_python():
+        _State.until_s = time.monotonic() + _LONGEST_S
+        _State.others = [other for name in _SHARES if (other := _started(name))]
+        atexit.register(_wait)
+
+
+def compile_alone() -> None:
+    """Let this process compile what it needs without a word and without others."""
+    _State.begun = True
+
+
+def compiled_elsewhere(module: str) -> bool:
+    """Wait a little for a kernel of a module; False if no other process may be compiling it."""
+    if module.startswith(_OWN) or time.monotonic() > _State.until_s:
+        return False
+    if all(other.poll() is not None for other in _State.others):
+        return False
+    time.sleep(_POLL_S)
+    return True
+
+
+def _is_python() -> bool:
+    # In an application with Python inside, `sys.executable` is the application.
+    return not getattr(sys, "frozen", False) and Path(sys.executable or "").name.lower().startswith("python")
+
+
+def _started(share: str) -> subprocess.Popen[bytes] | None:
+    program = _PROGRAM.format(path=sys.path, share=share)
+    silent = subprocess.DEVNULL
+    hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # Windows would open a console
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-c", program], stdin=silent, stdout=silent, stderr=silent, creationflags=hidden
+        )
+    except OSError:
+        return None
+
+
+def _wait() -> None:
+    for other in _State.others:
+        try:
+            other.wait(max(_State.until_s - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            other.kill()

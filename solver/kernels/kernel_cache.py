@@ -1,0 +1,73 @@
+"""Where compiled kernels are kept on disk: Numba's cache, valid for all sources that a kernel may be made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core import event
+from numba.core.caching import FunctionCache
+
+from roundel.solver.kernels.first_compilation import compiled_elsewhere, start_compilation
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache of one function.
+
+    Numba compares only the function's own file with the cached one. Kernels call each other across files, so the stamp
+    of all files of this package and of the function's own takes its place.
+
+    Raises
+    ------
+    RuntimeError
+        If no folder for a cache can be written.
+    """
+
+    known: list[KernelCache] = []
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._module = function.__module__
+        self._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename).parent)
+        KernelCache.known.append(self)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing that is valid is cached."""
+        return not self._cache_file._load_index()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function from disk, or None if this process has to compile it."""
+        found = super().load_overload(sig, target_context)
+        if found is not None or _Depth.compilations:
+            return found
+        start_compilation(sum(other.empty for other in KernelCache.known) > len(KernelCache.known) // 2)
+        elsewhere = True
+        while found is None and elsewhere:
+            elsewhere = compiled_elsewhere(self._module)
+            found = super().load_overload(sig, target_context)
+        return found
+
+
+class _Depth(event.Listener):
+    """How many compilations are under way: kernels that are called by other kernels are compiled in the middle."""
+
+    compilations = 0
+
+    def on_start(self, event: Any) -> None:
+        _Depth.compilations += 1
+
+    def on_end(self, event: Any) -> None:
+        _Depth.compilations -= 1
+
+
+event.register("numba:compile", _Depth())  # type: ignore[no-untyped-call]
+
+
+@cache
+def source_stamp(folder: Path) -> tuple[tuple[str, float, int], ...]:
+    """Name, time and size of all sources of this package and of another one."""
+    files = [file for each in (Path(__file__).parent, folder) for file in sorted(each.glob("*.py"))]
+    return tuple((f.name, f.stat().st_mtime, f.stat().st_size) for f in files)
