@@ -77,7 +77,7 @@ def detect(
         The strongest evidence first (visible contour length times contrast).
     """
     image = np.ascontiguousarray(image)
-    pixels = np.ascontiguousarray(image, dtype=np.float32)
+    pixels = np.require(image, np.float32, ["C", "W"])  # kernels would be compiled again for others
     first = max(1, math.ceil(math.sqrt(image.size / _MAX_PX)))
     full = Level(pixels, 1, noise_dn(image))
     contours = Contours(full, full_scale_dn, polish)
@@ -89,7 +89,8 @@ def detect(
         grey, gain = grey_8bit(level, full_scale_dn)
         noise = full.noise if factor == 1 else noise_dn(level)
         candidates = candidate_ellipses(edge_chains(grey, noise * gain), grey.shape)
-        contours.search(Level(np.asarray(level, dtype=np.float32), factor, noise), candidates)
+        searched = pixels if factor == 1 else np.asarray(level, dtype=np.float32)
+        contours.search(Level(searched, factor, noise), candidates)
         if own_ellipses and factor == first:
             ellipses = [enlarged_ellipse(e, factor) for e in edgedrawing_ellipses(grey, noise * gain)]
     return _grouped(contours.found, ellipses)

@@ -100,11 +100,11 @@ def contour_band(
             sector = min(int(arc * per_length), count - 1)
             if not trusted[sector]:
                 continue
-            value = image[rows[r, 0], column]
+            value = float(image[rows[r, 0], column])
             band[n, BAND_X], band[n, BAND_Y], band[n, LEVEL] = column, rows[r, 0], value
             band[n, OFFSET], band[n, SECTOR] = distance, sector
             if near:
-                write_pixel(edge[n], column, rows[r, 0], value, distance, nx, ny, ux, uy, c, s, a, b)
+                write_pixel(edge[n], float(column), float(rows[r, 0]), value, distance, nx, ny, ux, uy, c, s, a, b)
             n += 1
     return band[:n], edge
 

@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.fit.band_pixels import place_pixels
 from roundel.solver.fit.edge_fit import fit_edges
 from roundel.solver.fit.edges import EdgePoints, edge_points
 from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.fit.pixel_fit import fit_pixels
 from roundel.solver.fit.row_motion import RowMotion
+from roundel.solver.kernels.contour_pixels import COLUMNS
 from roundel.solver.kernels.first_compilation import compile_alone
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import clipped_fraction, overshoots, side_levels
@@ -60,6 +62,8 @@ def _fits() -> None:
     )
     image = drawn_disc().astype(np.float32)
     fit_pixels(image, edges)
+    # What only some images need.
+    place_pixels(np.ones((8, COLUMNS)), _ELLIPSE, None)
     fit_edges(points, edges.sigma_px)
     fit_pixels(image, edges, motion=RowMotion(1e-5, np.eye(5)))
 

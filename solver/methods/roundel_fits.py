@@ -89,7 +89,7 @@ def detect_circles(
     `own_ellipses`: also compute EdgeDrawing's own ellipses, which only the method `edgedrawing` needs.
     """
     found = detect(grey, full_scale_dn, own_ellipses=own_ellipses) if min(grey.shape) >= _MIN_IMAGE_PX else []
-    return Detections(np.ascontiguousarray(grey, dtype=np.float32), full_scale_dn, found, photometry or PLAIN)
+    return Detections(np.require(grey, np.float32, ["C", "W"]), full_scale_dn, found, photometry or PLAIN)
 
 
 def with_estimated_curve(

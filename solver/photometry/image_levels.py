@@ -117,7 +117,8 @@ def _grey(
 
 def _looked_up(pixels: NDArray[Any], table: NDArray[np.float32] | None) -> NDArray[np.float32]:
     if table is None:
-        return np.ascontiguousarray(pixels, dtype=np.float32)
+        # Writable, too: kernels would be compiled again for an image that is not.
+        return np.require(pixels, np.float32, ["C", "W"])
     if pixels.dtype == np.uint8:
         return np.asarray(cv2.LUT(np.ascontiguousarray(pixels), table), dtype=np.float32)
     return np.asarray(table[pixels])
