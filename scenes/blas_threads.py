@@ -13,19 +13,15 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
+_OWNERS = ("numpy", "cv2", "scipy.linalg")  # each brings a BLAS of its own, once it is imported
 _owned = threading.Lock()
 
 
 @cache
-def _libraries(with_opencv: bool) -> Any:
-    """The BLAS libraries of the process; finding them takes milliseconds, so it is done once.
-
-    OpenCV brings its own, which is only found once cv2 is imported.
-    """
-    import scipy.linalg
+def _libraries(imported: tuple[bool, ...]) -> Any:
+    """The BLAS libraries of the process; finding them takes milliseconds, so it is done once for what is imported."""
     from threadpoolctl import ThreadpoolController
 
-    assert scipy.linalg, "imported for its library: NumPy and SciPy have one each"
     return ThreadpoolController().select(user_api="blas")
 
 
@@ -40,7 +36,7 @@ def one_blas_thread() -> Iterator[None]:
         yield
         return
     try:
-        with _libraries("cv2" in sys.modules).limit(limits=1):
+        with _libraries(tuple(name in sys.modules for name in _OWNERS)).limit(limits=1):
             yield
     finally:
         _owned.release()

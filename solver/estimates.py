@@ -9,17 +9,19 @@ import io
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from roundel.datasets.layout.files import write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import Ellipse
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -32,39 +34,6 @@ _POSE = ("normal_x", "normal_y", "normal_z", "centre_x_m", "centre_y_m", "centre
 _ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
 _CENTRE_IMAGE = ("centre_image_x_px", "centre_image_y_px")
 _INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
-
-SCHEMA = pa.schema(
-    [
-        pa.field("frame_id", pa.int64(), nullable=False),
-        pa.field("detection_id", pa.int64(), nullable=False),
-        pa.field("method", pa.string(), nullable=False),
-        pa.field("intrinsics", pa.string(), nullable=False),
-        pa.field("candidate", pa.int8(), nullable=False),
-        pa.field("chosen", pa.bool_(), nullable=False),
-        pa.field("probability", pa.float64()),
-        *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_CENTRE_IMAGE, *_INTRINSICS)),
-        pa.field("distortion", pa.list_(pa.float64())),
-        pa.field("distortion_model", pa.string()),
-        pa.field("edge_points", pa.int64()),
-        pa.field("edge_sigma_px", pa.float64()),
-        pa.field("blur_px", pa.float64()),
-        pa.field("contrast_dn", pa.float64()),
-        pa.field("confidence", pa.float64()),
-        pa.field("clipped_fraction", pa.float64()),
-        pa.field("rejected_fraction", pa.float64()),
-        pa.field("misfit", pa.float64()),
-        pa.field("fit_used", pa.string()),
-        pa.field("curve", pa.string()),
-        pa.field("caveats", pa.string()),
-        pa.field("focal_sigma", pa.float64()),
-        pa.field("intrinsics_basis", pa.string()),
-        pa.field("choice_basis", pa.string()),
-        pa.field("track_id", pa.int64()),
-        *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
-        pa.field("status", pa.string(), nullable=False),
-        pa.field("reason", pa.string(), nullable=False),
-    ]
-)
 
 
 class EstimateKey(NamedTuple):
@@ -210,18 +179,55 @@ class Estimate:
         return row
 
 
+@cache
 def estimates_schema(dataset_id: str | None = None) -> pa.Schema:
     """The schema, with the identity of the dataset as metadata, if there is one."""
+    import pyarrow as pa  # as long to import as all of OpenCV, and `locate` writes no file
+
+    schema = pa.schema(
+        [
+            pa.field("frame_id", pa.int64(), nullable=False),
+            pa.field("detection_id", pa.int64(), nullable=False),
+            pa.field("method", pa.string(), nullable=False),
+            pa.field("intrinsics", pa.string(), nullable=False),
+            pa.field("candidate", pa.int8(), nullable=False),
+            pa.field("chosen", pa.bool_(), nullable=False),
+            pa.field("probability", pa.float64()),
+            *(pa.field(name, pa.float64()) for name in (*_POSE, *_ELLIPSE, *_CENTRE_IMAGE, *_INTRINSICS)),
+            pa.field("distortion", pa.list_(pa.float64())),
+            pa.field("distortion_model", pa.string()),
+            pa.field("edge_points", pa.int64()),
+            pa.field("edge_sigma_px", pa.float64()),
+            pa.field("blur_px", pa.float64()),
+            pa.field("contrast_dn", pa.float64()),
+            pa.field("confidence", pa.float64()),
+            pa.field("clipped_fraction", pa.float64()),
+            pa.field("rejected_fraction", pa.float64()),
+            pa.field("misfit", pa.float64()),
+            pa.field("fit_used", pa.string()),
+            pa.field("curve", pa.string()),
+            pa.field("caveats", pa.string()),
+            pa.field("focal_sigma", pa.float64()),
+            pa.field("intrinsics_basis", pa.string()),
+            pa.field("choice_basis", pa.string()),
+            pa.field("track_id", pa.int64()),
+            *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
+            pa.field("status", pa.string(), nullable=False),
+            pa.field("reason", pa.string(), nullable=False),
+        ]
+    )
     if dataset_id is None:
-        return SCHEMA
-    return SCHEMA.with_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
+        return schema
+    return schema.with_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
 
 
 def estimates_table(estimates: Iterable[Estimate], dataset_id: str | None = None) -> pa.Table:
     """Estimates as a table with the columns of `estimates.parquet`."""
+    import pyarrow as pa
+
+    schema = estimates_schema(dataset_id)
     rows = [row for estimate in estimates for row in estimate.rows()]
-    columns = {name: [row.get(name) for row in rows] for name in SCHEMA.names}
-    return pa.table(columns, schema=estimates_schema(dataset_id))
+    return pa.table({name: [row.get(name) for row in rows] for name in schema.names}, schema=schema)
 
 
 def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id: str | None = None) -> None:
@@ -239,6 +245,8 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id:
     DataError
         If the file cannot be written.
     """
+    import pyarrow.parquet as pq
+
     buffer = io.BytesIO()
     pq.write_table(estimates_table(estimates, dataset_id), buffer)
     write_file(path, buffer.getvalue())

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 
@@ -35,6 +34,8 @@ def step_response(
     (N,) arrays
         T, its first derivative and its second.
     """
+    from scipy.special import ndtr
+
     sigma = np.sqrt(variance)
     w1w2 = half_sum**2 - half_difference**2
     # Along a row or column one box has zero width: a thin one is equal to 1e-6 and keeps the differences finite.

@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr
 
 from roundel.scenes.geometry.edge_spread_function import (
     PIXEL_VARIANCE,
@@ -73,6 +72,8 @@ def censored_information(mean: ArrayLike, sigma: ArrayLike, limit: float) -> Arr
 
     With z = (limit - mean) / sigma: Phi(z) - z phi(z) + phi(z)^2 / (1 - Phi(z)).
     """
+    from scipy.special import log_ndtr, ndtr
+
     if not math.isfinite(limit):
         return np.ones(np.broadcast_shapes(np.shape(mean), np.shape(sigma)))
     # Beyond 35 sigma the result is 1 or 0 to all digits.

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.geometry.conic import ellipse_perimeter_px
 from roundel.solver.fit.contour_sectors import shared_excess
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, finished_fit, shape_of_ellipse
 from roundel.solver.fit.pixel_scene import PixelScene
 from roundel.solver.fit.row_motion import RowMotion, widened
-from roundel.solver.kernels.contour_pixels import X, Y
+from roundel.solver.kernels.contour_pixels import X, Y, arc_lengths
 from roundel.solver.kernels.pixel_equations import CLIPPED, RATES, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
 
 Array = NDArray[np.float64]
@@ -224,7 +223,7 @@ def finished(
         shape_cov = widened(shape_cov, sectors.shape[used], sigma, time_s, motion)
     if not np.all(np.diag(shape_cov) > 0):
         return FailedFit("the pixels do not determine an ellipse")
-    contour_px = float(np.sum(used)) / count * float(ellipse_perimeter_px(ellipse))
+    contour_px = float(np.sum(used)) / count * float(arc_lengths(ellipse[2], ellipse[3])[-1])
     sigma_px = math.sqrt(raised * contour_px / total)
     fit = finished_fit(theta, offset, sigma_px**2, shape_cov)
     return PixelFit(

@@ -58,6 +58,15 @@ def encode(light: float, kind: int, gamma: float) -> tuple[float, float]:
 
 
 @compiled
+def outer_shares(table: Array, variance: float) -> Array:
+    """Share of the outer level in each pixel (N,) of a table, see `contour_pixels`, for a straight edge."""
+    out = np.empty(len(table))
+    for i in range(len(table)):
+        out[i] = step_response(table[i, DISTANCE], table[i, HALF_SUM], table[i, HALF_DIFFERENCE], variance)[0]
+    return out
+
+
+@compiled
 def _accumulate(
     table: Array,
     weight: Array,

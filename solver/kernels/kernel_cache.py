@@ -9,6 +9,7 @@ from typing import Any
 
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 from roundel.solver.kernels.first_compilation import compiled_elsewhere, start_compilation
 
@@ -36,19 +37,38 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     @property
     def empty(self) -> bool:
         """Whether nothing that is valid is cached."""
-        return not self._cache_file._load_index()
+        try:
+            return not self._cache_file._load_index()
+        except Exception:  # a damaged file: see `_loaded`
+            return True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function from disk, or None if this process has to compile it."""
-        found = super().load_overload(sig, target_context)
+        found = self._loaded(sig, target_context)
         if found is not None or _Depth.compilations:
             return found
         start_compilation(sum(other.empty for other in KernelCache.known) > len(KernelCache.known) // 2)
         elsewhere = True
         while found is None and elsewhere:
             elsewhere = compiled_elsewhere(self._module)
-            found = super().load_overload(sig, target_context)
+            found = self._loaded(sig, target_context)
         return found
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        # Numba's own method first imports all that it can compile, SciPy's linear algebra included. A kernel that is
+        # only loaded needs none of it: that would take 0.2 s of each process.
+        try:
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
+        except Exception:  # damaged or of another installation, it is compiled again
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write the compiled function to disk; if that fails, the next process compiles it again."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            pass
 
 
 class _Depth(event.Listener):

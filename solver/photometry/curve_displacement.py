@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from roundel.scenes.camera.response_curve import SRGB
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
@@ -33,6 +32,8 @@ def edge_displacement_px(inside: float, outside: float, blur_px: float) -> float
     blur_px : float
         Gaussian sigma of the blur, excluding the pixel's aperture.
     """
+    from scipy.special import ndtri
+
     low, high = SRGB.light(np.clip([inside, outside], 0.0, 1.0))
     if math.isclose(low, high):
         return 0.0

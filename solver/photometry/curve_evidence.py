@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.response_curve import LINEAR, SRGB, UNKNOWN, ResponseCurve, gamma_curve
-from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, step_response
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.kernels.contour_pixels import (
     DISTANCE,
-    HALF_DIFFERENCE,
-    HALF_SUM,
     VALUE,
     X,
     Y,
@@ -34,6 +32,7 @@ from roundel.solver.kernels.curve_likelihood import (
     SRGB_KIND,
     UNKNOWNS,
     curve_likelihood,
+    outer_shares,
 )
 from roundel.solver.photometry.edge_levels import overshoots
 
@@ -188,8 +187,7 @@ def _edge_of(levels: NDArray[np.float32], edges: EdgePoints, full_scale_dn: floa
         sides.append(plane)
         noise.append(max(float(np.mean((table[side, VALUE] - basis[side] @ plane) ** 2)), _LEAST_SIGMA**2))
     variance = max(edges.blur_px, 0.2) ** 2
-    share = step_response(table[:, DISTANCE], table[:, HALF_SUM], table[:, HALF_DIFFERENCE], variance)[0]
-    weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
+    weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * outer_shares(table, variance))
     return _Edge(table, weight, place, part, (sides[0], sides[1]), variance)
 
 

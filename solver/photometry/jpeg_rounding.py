@@ -18,8 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dctn, idctn
-from scipy.special import ndtr
 
 from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
@@ -94,6 +92,8 @@ def jpeg_edge(table: tuple[int, ...], curve: ResponseCurve, inside: float, outsi
 
 @lru_cache(maxsize=512)
 def _edge(table: tuple[int, ...], curve: ResponseCurve, low: float, high: float, blur_px: float) -> JpegEdge:
+    from scipy.fft import dctn, idctn
+
     steps = np.array(table, dtype=np.float64).reshape(8, 8)
     z, share, slope, noise = _edges(blur_px)
     dark, bright = (float(v) for v in curve.light(np.array([low, high]) / 255.0))
@@ -117,6 +117,8 @@ def _edge(table: tuple[int, ...], curve: ResponseCurve, low: float, high: float,
 @lru_cache(maxsize=32)
 def _edges(blur_px: float) -> tuple[Array, Array, Array, Array]:
     """Straight edges through blocks (n, 8, 8): distance in sigmas, response, its slope per px, and some noise."""
+    from scipy.special import ndtr
+
     random = np.random.default_rng(0)
     sigma = math.sqrt(blur_px**2 + PIXEL_VARIANCE)
     angle = random.uniform(0.0, 2 * np.pi, (_BLOCKS, 1, 1))

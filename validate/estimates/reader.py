@@ -16,10 +16,11 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
-from roundel.solver.estimates import ESTIMATES, METADATA, SCHEMA
+from roundel.solver.estimates import ESTIMATES, METADATA, estimates_schema
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
 
 _MAGIC = b"PAR1"
+_SCHEMA = estimates_schema()
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -42,7 +43,7 @@ def find_estimates(path: str | Path) -> Path:
 
 
 def read_estimates(path: str | Path) -> pa.Table:
-    """Estimates of one file, with the columns and types of `SCHEMA`.
+    """Estimates of one file, with the columns and types of `estimates_schema`.
 
     Optional columns that need no dataset get their defaults: method (the file's name), intrinsics, detection_id,
     candidate, chosen, status, reason, skew, lens model. Other missing values are null.
@@ -81,7 +82,7 @@ def read_estimates(path: str | Path) -> pa.Table:
         raise UsageError(f"{file}: not a Parquet file; give Parquet, or CSV in a file whose name ends in .csv")
     check_columns(file, table.column_names)
     columns = []
-    for field in SCHEMA:
+    for field in _SCHEMA:
         if field.name not in table.column_names:
             columns.append(pa.nulls(table.num_rows, field.type))
             continue
@@ -89,7 +90,7 @@ def read_estimates(path: str | Path) -> pa.Table:
             columns.append(table[field.name].cast(field.type))
         except (pa.ArrowException, ValueError) as error:
             raise UsageError(f"{file}: column {field.name} is not {field.type}: {first_line(error)}") from error
-    whole = pa.table(dict(zip(SCHEMA.names, columns, strict=True)))
+    whole = pa.table(dict(zip(_SCHEMA.names, columns, strict=True)))
     return _filled(whole, set(table.column_names), file.stem).replace_schema_metadata(table.schema.metadata)
 
 
@@ -118,7 +119,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
     except UnicodeDecodeError as error:
         raise UsageError(f"{file}: not UTF-8 at byte {error.start}; save it as UTF-8") from error
     names = _header(file, text)
-    types = {field.name: field.type for field in SCHEMA if not pa.types.is_list(field.type)}
+    types = {field.name: field.type for field in _SCHEMA if not pa.types.is_list(field.type)}
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(text.encode()),
@@ -161,8 +162,8 @@ def _filled(table: pa.Table, given: set[str], stem: str) -> pa.Table:
 
     def put(name: str, values: object) -> None:
         nonlocal table
-        at = SCHEMA.get_field_index(name)
-        table = table.set_column(at, name, pa.array(values, SCHEMA.field(at).type))
+        at = _SCHEMA.get_field_index(name)
+        table = table.set_column(at, name, pa.array(values, _SCHEMA.field(at).type))
 
     if "status" not in given:
         there = [table[name].is_valid() for name in (*NORMAL, *CENTRE, *ELLIPSE, *CENTRE_IMAGE)]

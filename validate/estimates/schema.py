@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.scenes.errors import UsageError, did_you_mean
-from roundel.solver.estimates import SCHEMA
+from roundel.solver.estimates import estimates_schema
 
 KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
 NORMAL = ("normal_x", "normal_y", "normal_z")
@@ -105,9 +105,10 @@ def check_columns(file: Path, names: Sequence[str]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UsageError(f"{file}: column {twice[0]!r} appears twice; keep one of them")
-    absent = [name for name in SCHEMA.names if name not in names]
+    known = estimates_schema().names
+    absent = [name for name in known if name not in names]
     for name in names:
-        hint = "" if name in SCHEMA.names else did_you_mean(name.lower(), absent, cutoff=0.85)
+        hint = "" if name in known else did_you_mean(name.lower(), absent, cutoff=0.85)
         if hint:
             raise UsageError(f"{file}: unknown column {name!r}; {hint}")
     groups = {"pose": (*NORMAL, *CENTRE), "ellipse": ELLIPSE, "centre": CENTRE_IMAGE}

@@ -16,7 +16,7 @@ from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
 from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.solver.estimates import SCHEMA
+from roundel.solver.estimates import estimates_schema
 from roundel.solver.methods.locate import locate
 from roundel.solver.methods.registry import load_methods
 from roundel.solver.methods.roundel_fits import fit_points
@@ -213,7 +213,7 @@ def test_solve_dataset(dataset, tmp_path):
     assert counts == {"frames": 3, "detections": 2, "empty_frames": 1, "failed_estimates": 12 + 4}
     assert seen[-1] == (3, 3)
     table = read_estimates(tmp_path / "out")
-    assert table.column_names == SCHEMA.names
+    assert table.column_names == estimates_schema().names
     rows = table.to_pylist()
     assert [r["frame_id"] for r in rows] == sorted(r["frame_id"] for r in rows)
     ok = [r for r in rows if r["status"] == "ok"]

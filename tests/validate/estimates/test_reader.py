@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from roundel.scenes.errors import DataError, UsageError
-from roundel.solver.estimates import SCHEMA, Estimate, write_estimates
+from roundel.solver.estimates import Estimate, estimates_schema, write_estimates
 from roundel.validate.estimates.reader import dataset_of, read_estimates
 from roundel.validate.estimates.schema import COLUMNS, columns_json, columns_markdown
 
@@ -37,7 +37,7 @@ def test_the_file_says_what_it_is_of(tmp_path):
 def test_what_nobody_must_give_is_filled_in(tmp_path):
     (tmp_path / "mine.csv").write_text(f"{POSE}3,0,0,-1,0.1,0,2\n4,,,,,,\n")
     table = read_estimates(tmp_path / "mine.csv")
-    assert (table.schema.names, table.schema.types) == (SCHEMA.names, SCHEMA.types)
+    assert (table.schema.names, table.schema.types) == (estimates_schema().names, estimates_schema().types)
     pose, nothing = table.to_pylist()
     expected = {"method": "mine", "intrinsics": "true", "detection_id": 0, "candidate": 0, "reason": ""}
     assert expected.items() <= pose.items()
@@ -90,7 +90,7 @@ def test_csv_with_a_word_for_a_number(tmp_path, column, text, message):
 
 def test_the_schema_that_is_printed_knows_every_column_that_is_read():
     named = {name for given in COLUMNS for name in given.names}
-    assert named <= set(SCHEMA.names)
+    assert named <= set(estimates_schema().names)
     assert all(f"`{name}`" in columns_markdown() for name in named)
     assert {record["column"] for record in columns_json()} == named
 
