@@ -221,15 +221,12 @@ def _chosen(fit: _Fit, state: FitState) -> FitState:
     # With such a wide blur the level functions resemble the edge itself, and a soft edge of the ink the blur.
     wide = state.parameters[VARIANCE] > (_WIDE_BLUR * float(fit.edges.ellipse[3])) ** 2
     extras = np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])[: 2 if wide else 3]
-    for most in SIZES[2:] if not wide else SIZES[1:2]:
-        most = min(most, fit.scene.basis.shape[1])
-        # A clipped side does not show whether its light is even; the shades between do.
-        sizes = np.array([s for s in SIZES if s <= most and not (s == 1 and any(fit.scene.clipped))])
-        normal, gradient = _equations(fit, state, np.array([*state.used, *_EXTRA]), int(sizes[-1]))
-        scale = robust_scale_of(state.record)
-        which, size = model_choice(normal, gradient, len(state.used), extras, sizes, len(state.table), scale)
-        if size < SIZES[2] or size == fit.scene.basis.shape[1]:
-            break
+    most = min(SIZES[1] if wide else SIZES[-1], fit.scene.basis.shape[1])
+    # A clipped side does not show whether its light is even; the shades between do.
+    sizes = np.array([s for s in SIZES if s <= most and not (s == 1 and any(fit.scene.clipped))])
+    normal, gradient = _equations(fit, state, np.array([*state.used, *_EXTRA]), int(sizes[-1]))
+    plain, scale = int(np.count_nonzero(sizes <= SIZES[2])), robust_scale_of(state.record)
+    which, size = model_choice(normal, gradient, len(state.used), extras, sizes, plain, len(state.table), scale)
     added = np.array(_EXTRA)[extras[which] == 1]
     levels = np.zeros((2, size))
     kept = min(size, state.levels.shape[1])

@@ -21,11 +21,13 @@ from roundel.solver.kernels.contour_pixels import (
     write_pixel,
 )
 from roundel.solver.kernels.order_statistics import median, quantile
+from roundel.solver.kernels.small_matrices import add_products
 from roundel.solver.kernels.trace_contour import shape_row
 
 Array = NDArray[np.float64]
 
 _MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
+_BLOCK = 64  # pixels
 _STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
 
 
@@ -51,10 +53,6 @@ def plateau_sums(
     count : int
     """
     n, k = len(value), len(coefficients)
-    for a in range(k):
-        moment[a] = 0.0
-        for b in range(k):
-            gram[a, b] = 0.0
     squares = np.empty(n)
     for i in range(n):
         level = 0.0
@@ -62,20 +60,23 @@ def plateau_sums(
             level += basis[i, j] * coefficients[j]
         squares[i] = (value[i] - level) ** 2
     limit = math.inf if n == 0 else max(_STAIN / _MEDIAN_SQUARE * median(squares.copy()), 1.0)
-    square, count = 0.0, 0
+    # Blocks of pixels, and their values in the last row, stay in the fastest cache.
+    design, weights, sums = np.empty((k + 1, _BLOCK)), np.ones(_BLOCK), np.zeros((k + 1, k + 1))
+    filled, count = 0, 0
     for i in range(n):
-        if squares[i] > limit or value[i] >= clip_dn:
-            continue
-        count += 1
-        square += value[i] ** 2
-        for a in range(k):
-            moment[a] += basis[i, a] * value[i]
-            for b in range(a + 1):
-                gram[a, b] += basis[i, a] * basis[i, b]
+        if squares[i] <= limit and value[i] < clip_dn:
+            for j in range(k):
+                design[j, filled] = basis[i, j]
+            design[k, filled] = value[i]
+            filled, count = filled + 1, count + 1
+        if filled == _BLOCK or i == n - 1:
+            add_products(design, weights, filled, sums)
+            filled = 0
     for a in range(k):
-        for b in range(a):
-            gram[b, a] = gram[a, b]
-    return square, count
+        moment[a] = sums[k, a]
+        for b in range(a + 1):
+            gram[a, b] = gram[b, a] = sums[a, b]
+    return sums[k, k], count
 
 
 @compiled

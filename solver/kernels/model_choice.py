@@ -50,12 +50,24 @@ def _factorise(normal: Array, use: NDArray[np.int64], factor: Array) -> None:
 
 
 @compiled
+def _highest(scores: Array, columns: int) -> tuple[int, int]:
+    """Row and column of the highest of the first columns; the first one of equal ones."""
+    row, column = 0, 0
+    for i in range(len(scores)):
+        for j in range(columns):
+            if scores[i, j] > scores[row, column]:
+                row, column = i, j
+    return row, column
+
+
+@compiled
 def model_choice(
     normal: Array,
     gradient: Array,
     base: int,
     extras: NDArray[np.int64],
     sizes: NDArray[np.int64],
+    plain: int,
     count: int,
     scale: float,
 ) -> tuple[int, int]:
@@ -72,6 +84,8 @@ def model_choice(
         The extra parameters of each set.
     sizes : (n,) array
         Numbers of level functions to choose from, ascending, K the largest.
+    plain : int
+        How many of the sizes are tried first; the larger ones only if the last of these is the best.
     count : int
         Number of pixels.
     scale : float
@@ -82,7 +96,7 @@ def model_choice(
     set, size : int
     """
     extra, most = extras.shape[1], sizes[-1]
-    best, best_set, best_size = -math.inf, 0, sizes[0]
+    scores = np.empty((len(extras), len(sizes)))
     use, factor, solved = np.empty(len(gradient), np.int64), np.zeros_like(normal), np.empty(len(gradient))
     for chosen in range(len(extras)):
         n, added = base, 0
@@ -102,15 +116,18 @@ def model_choice(
             fewer = size
         _factorise(normal, use[:n], factor)
         explained, done = 0.0, 0
-        for size in sizes:
-            for i in range(done, base + added + 2 * size):
+        for which in range(len(sizes)):
+            end = base + added + 2 * sizes[which]
+            for i in range(done, end):
                 total = gradient[use[i]]
                 for j in range(i):
                     total -= factor[i, j] * solved[j]
                 solved[i] = total / factor[i, i] if factor[i, i] > 0.0 else 0.0
                 explained += solved[i] * solved[i]
-            done = base + added + 2 * size
-            score = explained / (scale * scale) - _cost_of_extra(added, count) - _cost(size, count)
-            if score > best:
-                best, best_set, best_size = score, chosen, size
-    return best_set, best_size
+            done = end
+            costs = _cost_of_extra(added, count) + _cost(sizes[which], count)
+            scores[chosen, which] = explained / (scale * scale) - costs
+    best_set, best = _highest(scores, plain)
+    if best == plain - 1 and plain < len(sizes):
+        best_set, best = _highest(scores, len(sizes))
+    return best_set, sizes[best]
