@@ -36,7 +36,8 @@ MAX_STEPS = 20
 _SETTLED_PX, _SETTLED = 5e-4, 1e-3  # a last step of 5e-4 px, or of 3 % of its standard deviation
 _CLOSE_PX, _CLOSE = 0.02, 1.0  # within such a step the residuals are those of the noise
 _NEAR_PX = 0.1  # beyond, residuals are large, and a step is small against them whatever it does
-_RELINEARISE_PX = 0.04  # distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho
+# Distances are linear in the ellipse's step up to an error of (this)^2 / 2 rho: of the result, and on the way to it.
+_RELINEARISE_PX, _ROUGHLY_PX = 0.04, 0.2
 _TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 _NEARLY_FLAT = 0.1  # fraction of the step
 # Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur and soft ink's ramp are beyond.
@@ -382,6 +383,6 @@ def gauss_newton(
             if ended:
                 inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse
-        if total > _RELINEARISE_PX:
+        if total > (_RELINEARISE_PX if close else _ROUGHLY_PX):
             return MOVED, parameters, levels, inverse
     return UNSETTLED, parameters, levels, inverse
