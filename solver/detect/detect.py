@@ -56,7 +56,11 @@ class Detection:
 
 
 def detect(
-    image: NDArray[Any], full_scale_dn: float = 255.0, polish: bool = False, own_ellipses: bool = False
+    image: NDArray[Any],
+    full_scale_dn: float = 255.0,
+    polish: bool = False,
+    own_ellipses: bool = False,
+    levels: NDArray[np.float32] | None = None,
 ) -> list[Detection]:
     """Find the circles of a grey image.
 
@@ -70,6 +74,8 @@ def detect(
         reject a contour: `fit_pixels` starts from them, other fits need converged points.
     own_ellipses : bool
         Also compute EdgeDrawing's own ellipses.
+    levels : (H, W) float32 array, optional
+        The image, if the caller has converted it already.
 
     Returns
     -------
@@ -77,7 +83,8 @@ def detect(
         The strongest evidence first (visible contour length times contrast).
     """
     image = np.ascontiguousarray(image)
-    pixels = np.require(image, np.float32, ["C", "W"])  # kernels would be compiled again for others
+    # Kernels would be compiled again for others.
+    pixels = np.require(image if levels is None else levels, np.float32, ["C", "W"])
     first = max(1, math.ceil(math.sqrt(image.size / _MAX_PX)))
     full = Level(pixels, 1, noise_dn(image))
     contours = Contours(full, full_scale_dn, polish)

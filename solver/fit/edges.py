@@ -119,6 +119,8 @@ def _renumbered(ellipse: Array, good: NDArray[np.bool_], feet: Array) -> NDArray
 
     Sectors are numbered from the ellipse's own axis, which may rotate for a near circle.
     """
+    if good.all():
+        return good
     mine, old = (np.arctan2(*(p - ellipse[:2]).T[::-1]) for p in (sector_centres(ellipse, len(good))[0], feet))
     mine, old = np.mod(mine - old[0], 2 * np.pi), np.mod(old - old[0], 2 * np.pi)
     nearest = np.searchsorted((old[1:] + old[:-1]) / 2, mine)

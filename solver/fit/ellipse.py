@@ -319,6 +319,10 @@ def _checked_start(start: ArrayLike) -> Array | FailedFit:
 def shape_of_ellipse(ellipse: ArrayLike) -> Array:
     """(..., 5) x, y, a, b, angle_deg to (..., 5) x, y, S11, S12, S22 with S = Rot diag(a, b) Rot^T."""
     e = np.asarray(ellipse, dtype=np.float64)
+    if e.ndim == 1:
+        x, y, a, b, angle = e.tolist()
+        half, twice, mean = (a - b) / 2, math.radians(2 * angle), (a + b) / 2
+        return np.array([x, y, mean + half * math.cos(twice), half * math.sin(twice), mean - half * math.cos(twice)])
     x, y, a, b, angle = (e[..., i] for i in range(5))
     half, twice = (a - b) / 2, np.radians(2 * angle)
     mean = (a + b) / 2
@@ -328,6 +332,11 @@ def shape_of_ellipse(ellipse: ArrayLike) -> Array:
 def ellipse_of_shape(theta: ArrayLike) -> Array:
     """Inverse of `shape_of_ellipse`, with a >= b and the angle in [0, 180)."""
     t = np.asarray(theta, dtype=np.float64)
+    if t.ndim == 1:
+        x, y, s11, s12, s22 = t.tolist()
+        mean, half = (s11 + s22) / 2, math.hypot((s11 - s22) / 2, s12)
+        angle = math.degrees(math.atan2(s12, (s11 - s22) / 2)) / 2 % 180.0
+        return np.array([x, y, mean + half, mean - half, angle if angle < 180.0 else 0.0])
     x, y, s11, s12, s22 = (t[..., i] for i in range(5))
     mean, half = (s11 + s22) / 2, np.hypot((s11 - s22) / 2, s12)
     angle = np.mod(np.degrees(np.arctan2(s12, (s11 - s22) / 2)) / 2, 180.0)

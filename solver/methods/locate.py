@@ -65,7 +65,7 @@ def locate(
         If the knowledge, the method or the curve is unknown.
     """
     wanted = curve if isinstance(curve, ResponseCurve) or curve is None else parse_curve(curve)
-    grey, full_scale_dn = grey_levels(image, wanted or UNKNOWN)
+    grey, full_scale_dn = grey_levels(image, wanted or UNKNOWN, keep_8bit=True)
     pixels = np.asarray(image)
     if wanted is None and not encodable(pixels):
         wanted = LINEAR.because("no encoded image has levels below 0 or beyond 65,535")

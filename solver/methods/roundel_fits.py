@@ -88,8 +88,10 @@ def detect_circles(
 
     `own_ellipses`: also compute EdgeDrawing's own ellipses, which only the method `edgedrawing` needs.
     """
-    found = detect(grey, full_scale_dn, own_ellipses=own_ellipses) if min(grey.shape) >= _MIN_IMAGE_PX else []
-    return Detections(np.require(grey, np.float32, ["C", "W"]), full_scale_dn, found, photometry or PLAIN)
+    levels = np.require(grey, np.float32, ["C", "W"])
+    large = min(grey.shape) >= _MIN_IMAGE_PX
+    found = detect(grey, full_scale_dn, own_ellipses=own_ellipses, levels=levels) if large else []
+    return Detections(levels, full_scale_dn, found, photometry or PLAIN)
 
 
 def with_estimated_curve(

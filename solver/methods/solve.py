@@ -267,7 +267,7 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
         return SolverInput(frame.diameter_m, frame.cameras, points_px=points, frame_id=frame.frame_id)
     delivered = images.image(frame.index)
     curve, top_dn = images.curve(frame.index), images.top_dn(frame.index)
-    grey, range_dn = grey_levels(delivered, curve or UNKNOWN, top_dn)
+    grey, range_dn = grey_levels(delivered, curve or UNKNOWN, top_dn, keep_8bit=True)
     top_dn = top_dn or range_dn
     saturation = images.saturation_dn(frame.index) or range_dn
     full_scale_dn = top_dn * float((curve or UNKNOWN).light(round(saturation) / top_dn))

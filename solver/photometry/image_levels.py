@@ -24,7 +24,9 @@ def grey_levels(
     curve: ResponseCurve = LINEAR,
     top_dn: float | None = None,
     weights: tuple[float, float, float] = EQUAL,
-) -> tuple[NDArray[np.float32], float]:
+    *,
+    keep_8bit: bool = False,
+) -> tuple[NDArray[Any], float]:
     """Grey levels (H, W) in linear light, and the top of their range.
 
     The range of the levels is kept: 255 stays 255. Colours are averaged in light, after the curve is undone.
@@ -40,6 +42,8 @@ def grey_levels(
         65,535 that contains all real numbers.
     weights : (float, float, float)
         Of red, green and blue.
+    keep_8bit : bool
+        Return an 8-bit grey image without a curve to undo as it is, for detection; other levels are float32.
 
     Raises
     ------
@@ -49,6 +53,8 @@ def grey_levels(
     pixels, full_scale = _checked(image)
     if top_dn is None:
         top_dn = full_scale
+    if curve.identity and keep_8bit and pixels.ndim == 2 and pixels.dtype == np.uint8:
+        return pixels, full_scale
     if curve.identity:
         return _grey(pixels, None, weights), full_scale
     # With 8 or 16 bits there are few levels: the curve is computed once for each.
