@@ -1,6 +1,6 @@
 """The solver's inner loops, compiled by Numba: plain loops over pixels and points, without Python objects.
 
-compiled: `compiled`: compile a function with Numba once, keep the result on disk, and say so while it happens
+compiled: `compiled`: compile a function with Numba once, and keep the result on disk
 contour_band: The grey levels in a wide band along a contour: how far they stay flat beside the edge, and whether
     they clip
 contour_pixels: The pixels around an ellipse: a table with a row a pixel, sorted by the sectors of the contour

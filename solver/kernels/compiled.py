@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core.dispatcher import Dispatcher
 
-from roundel.solver.kernels.kernel_cache import KernelCache
+from roundel.solver.compilation.kernel_cache import KernelCache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -36,11 +38,10 @@ def compiled_sums(function: Function) -> Function:
 
 def _kernel(function: Function, **options: Any) -> Function:
     # Nobody takes the address of a kernel: without the wrapper for C it compiles a little faster.
-    kernel: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+    njit: Any = numba.njit
+    kernel = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
     if isinstance(kernel, Dispatcher):  # not if NUMBA_DISABLE_JIT is set
-        try:
-            kernel._cache = KernelCache(function)
-        except RuntimeError:
-            pass  # no folder can be written: every process compiles what it needs
+        with suppress(RuntimeError):  # no folder can be written: every process compiles what it needs
+            kernel._cache = KernelCache(function, Path(__file__).parent)  # type: ignore[attr-defined]
     found: Function = kernel
     return found

@@ -1,5 +1,6 @@
 """Methods by name, Roundel's and third-party, and the chain from an image to estimates.
 
+compilation_shares: What other processes compile at the first compilation: they run the fits of a drawn disc
 estimate_caveats: Caveats of an estimate: numbers and sentences about how well its model holds, from its fit and its
     image
 fit_poses: Both poses, with covariance, of the ellipses that were fitted in a frame, all at once

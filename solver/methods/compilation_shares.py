@@ -1,6 +1,6 @@
 """What other processes compile at the first compilation: they run the fits of a drawn disc.
 
-`roundel.solver.kernels.first_compilation` starts them. A share that misses a kernel only costs time.
+`roundel.solver.compilation.first_compilation` starts them. A share that misses a kernel only costs time.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.compilation.first_compilation import compile_alone
 from roundel.solver.fit.band_pixels import place_pixels
 from roundel.solver.fit.edge_fit import fit_edges
 from roundel.solver.fit.edges import EdgePoints, edge_points
@@ -19,7 +20,6 @@ from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.fit.pixel_fit import fit_pixels
 from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.kernels.contour_pixels import COLUMNS
-from roundel.solver.kernels.first_compilation import compile_alone
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import clipped_fraction, overshoots, side_levels
 
@@ -41,7 +41,7 @@ def drawn_disc() -> NDArray[np.uint8]:
     y, x = np.mgrid[:96, :128]
     radius = np.hypot((x - _ELLIPSE[0]) * _ELLIPSE[3] / _ELLIPSE[2], y - _ELLIPSE[1])
     inside = np.clip(_ELLIPSE[3] + 0.5 - radius, 0.0, 1.0)
-    return np.rint(_WHITE_DN + (_BLACK_DN - _WHITE_DN) * inside).astype(np.uint8)
+    return np.asarray(np.rint(_WHITE_DN + (_BLACK_DN - _WHITE_DN) * inside), dtype=np.uint8)
 
 
 def _contours() -> None:

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from numba.core import event
 from numba.core.caching import FunctionCache
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
-from roundel.solver.kernels.first_compilation import compiled_elsewhere, start_compilation
+from roundel.solver.compilation.first_compilation import compiled_elsewhere, start_compilation
+
+_known: list[KernelCache] = []
 
 
-class KernelCache(FunctionCache):  # type: ignore[misc]
+class KernelCache(FunctionCache):
     """Numba's cache of one function.
 
     Numba compares only the function's own file with the cached one. Kernels call each other across files, so the stamp
-    of all files of this package and of the function's own takes its place.
+    of all files of the function's folder and of the `shared` one takes its place.
 
     Raises
     ------
@@ -26,19 +29,17 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         If no folder for a cache can be written.
     """
 
-    known: list[KernelCache] = []
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
+    def __init__(self, function: Callable[..., Any], shared: Path) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
         self._module = function.__module__
-        self._cache_file._source_stamp = source_stamp(Path(function.__code__.co_filename).parent)
-        KernelCache.known.append(self)
+        self._cache_file._source_stamp = source_stamp(shared, Path(function.__code__.co_filename).parent)
+        _known.append(self)
 
     @property
     def empty(self) -> bool:
         """Whether nothing that is valid is cached."""
         try:
-            return not self._cache_file._load_index()
+            return not self._cache_file._load_index()  # type: ignore[no-untyped-call]
         except Exception:  # a damaged file: see `_loaded`
             return True
 
@@ -47,7 +48,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         found = self._loaded(sig, target_context)
         if found is not None or _Depth.compilations:
             return found
-        start_compilation(sum(other.empty for other in KernelCache.known) > len(KernelCache.known) // 2)
+        start_compilation(sum(other.empty for other in _known) > len(_known) // 2)
         elsewhere = True
         while found is None and elsewhere:
             elsewhere = compiled_elsewhere(self._module)
@@ -59,16 +60,22 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         # only loaded needs none of it: that would take 0.2 s of each process.
         try:
             rtsys.initialize(target_context)
-            return self._load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # damaged or of another installation, it is compiled again
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the compiled function to disk; if that fails, the next process compiles it again."""
-        try:
-            super().save_overload(sig, data)
-        except OSError:
-            pass
+        for _ in range(2):
+            try:
+                super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            except OSError:
+                return
+            except Exception:  # the index is damaged: a new one
+                with suppress(OSError):
+                    self.flush()  # type: ignore[no-untyped-call]
+            else:
+                return
 
 
 class _Depth(event.Listener):
@@ -87,7 +94,7 @@ event.register("numba:compile", _Depth())  # type: ignore[no-untyped-call]
 
 
 @cache
-def source_stamp(folder: Path) -> tuple[tuple[str, float, int], ...]:
-    """Name, time and size of all sources of this package and of another one."""
-    files = [file for each in (Path(__file__).parent, folder) for file in sorted(each.glob("*.py"))]
+def source_stamp(*folders: Path) -> tuple[tuple[str, float, int], ...]:
+    """Name, time and size of all sources in some folders."""
+    files = [file for folder in folders for file in sorted(folder.glob("*.py"))]
     return tuple((f.name, f.stat().st_mtime, f.stat().st_size) for f in files)

@@ -6,59 +6,63 @@ others compile those of the fits, by running them, and leave them in the cache. 
 
 from __future__ import annotations
 
-import atexit
 import logging
 import os
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
-NOTICE = "roundel: compiling the solver's inner loops, once after an installation (some 15 s)"
+NOTICE = "roundel: compiling the solver's inner loops, once after an installation (about 15 s)"
 
 _OWN = "roundel.solver.detect."  # its kernels are compiled by this process
+_SHARES = ("contours", "fits")
 _PROGRAM = (
     "import sys; sys.path[:] = {path!r}; "
     "from roundel.solver.methods.compilation_shares import compile_share; compile_share({share!r})"
 )
-_SHARES = ("contours", "fits")
 _POLL_S = 0.05
 _LONGEST_S = 120.0  # a share takes 10 s on a quiet machine
 
 
+@dataclass
 class _State:
     """What this process has begun."""
 
-    begun = False
-    others: list[subprocess.Popen[bytes]] = []
-    until_s = 0.0
+    begun: bool = False
+    others: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    until_s: float = 0.0
 
 
-def start_compilation(share: bool) -> None:
-    """Tell the user, and start other processes if it is worth while (`share`); only the first call does anything."""
-    if _State.begun:
+_state = _State()
+
+
+def start_compilation(much: bool) -> None:
+    """Tell the user, and start other processes if there is much to compile; only the first call does anything."""
+    if _state.begun:
         return
-    _State.begun = True
+    _state.begun = True
     if sys.stderr is not None and sys.stderr.isatty():
-        print(NOTICE, file=sys.stderr, flush=True)
+        sys.stderr.write(NOTICE + "\n")
+        sys.stderr.flush()
     else:
         logging.getLogger("roundel").info(NOTICE)
-    if share and (os.cpu_count() or 1) > 1 and _is_python():
-        _State.until_s = time.monotonic() + _LONGEST_S
-        _State.others = [other for name in _SHARES if (other := _started(name))]
-        atexit.register(_wait)
+    if much and (os.cpu_count() or 1) > 1 and _is_python():
+        _state.until_s = time.monotonic() + _LONGEST_S
+        _state.others = [other for name in _SHARES if (other := _started(name))]
 
 
 def compile_alone() -> None:
-    """Let this process compile what it needs without a word and without others."""
-    _State.begun = True
+    """Let this process compile what it needs, without a word and without others."""
+    _state.begun = True
 
 
 def compiled_elsewhere(module: str) -> bool:
     """Wait a little for a kernel of a module; False if no other process may be compiling it."""
-    if module.startswith(_OWN) or time.monotonic() > _State.until_s:
+    if module.startswith(_OWN) or time.monotonic() > _state.until_s:
         return False
-    if all(other.poll() is not None for other in _State.others):
+    if all(other.poll() is not None for other in _state.others):
         return False
     time.sleep(_POLL_S)
     return True
@@ -79,11 +83,3 @@ def _started(share: str) -> subprocess.Popen[bytes] | None:
         )
     except OSError:
         return None
-
-
-def _wait() -> None:
-    for other in _State.others:
-        try:
-            other.wait(max(_State.until_s - time.monotonic(), 0.0))
-        except subprocess.TimeoutExpired:
-            other.kill()
