@@ -1,7 +1,8 @@
 """Fisher information of an ellipse's shape in the pixels about its contour.
 
 Unknown beside the shape, and eliminated by a Schur complement: one pair of grey levels and one blur; where
-`EdgeConditions` say so, the width of the ink's own soft edge, and the motion during the readout, under its prior.
+`EdgeConditions` say so, the width of the ink's own soft edge, the smear of the blur by motion during the exposure, and
+the motion during the readout, under its prior.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class EdgeConditions:
         function h(n), the distance of the tangent from the centre. If positive, its width is unknown.
     visible : tuple of (m, 2) array and (m,) array of bool, or None
         Points of the contour, and which of them are seen; pixels count as the nearest of them in angle.
+    smeared : bool
+        Whether the blur differs between directions by an unknown symmetric matrix without trace.
     drift : (5, k) array or None
         Change of the shape (x, y, S11, S12, S22) per pixel of readout for each of k unknown, independent motions of
         unit variance.
@@ -62,6 +65,7 @@ class EdgeConditions:
     variance_dn2: Callable[[Array], Array] | None = None
     ink_sigma: float = 0.0
     visible: tuple[Array, NDArray[np.bool_]] | None = None
+    smeared: bool = False
     drift: Array | None = None
     readout: Array | None = None
     reference_px: Array | None = None
@@ -167,9 +171,15 @@ def shape_information_of_pixels(
     shape = each(rows) * (-height * slope)[:, None]
     wider = height * (bend / 2 + slope * moved)
     columns = [shape, wider[:, None], (1.0 - response)[:, None], response[:, None]]
+    if given.smeared:
+        # What a smear adds to the variance across the edge it takes from that along it, which shifts a curved edge.
+        smear = (height * (bend - slope * each(curvature)) / 2)[:, None]
+        columns.append(
+            smear * each(np.stack([normal[:, 0] ** 2 - normal[:, 1] ** 2, 2 * normal[:, 0] * normal[:, 1]], -1))
+        )
     if given.ink_sigma > 0:
         columns.append((wider * each((support / a) ** 2))[:, None])
-    known = len(columns) + 4  # the nuisances before the motions, which have a prior
+    known = sum(column.shape[1] for column in columns)  # what is before the motions, which have a prior
     if given.drift is not None and given.readout is not None and given.reference_px is not None:
         px = each(contour) + distance.ravel()[:, None] * each(normal)
         columns.append((shape @ given.drift) * ((px - given.reference_px) @ given.readout)[:, None])

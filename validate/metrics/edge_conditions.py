@@ -70,7 +70,7 @@ def edges_of(dataset: Dataset, targets: Targets) -> list[Edge | None]:
         noise = np.sqrt(variance(np.array([inside, outside]))).tolist()
         given = EdgeConditions(saturation_e(sensor), variance, ink, visible[i])
         camera, row_time = targets.cameras[targets.camera[i]], dataset.images.row_time(frame)
-        if row_time is not None and row_time.readout_s > 0:
+        if row_time is not None and row_time.moves:
             pose, radius = targets.camera_from_marker[i], targets.diameter_m[i] / 2
             given = with_shutter(given, row_time, pose, float(radius), camera)
         lens = math.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))
@@ -81,10 +81,13 @@ def edges_of(dataset: Dataset, targets: Targets) -> list[Edge | None]:
 def with_shutter(
     conditions: EdgeConditions, row_time: RowTime, camera_from_marker: Array, radius_m: float, camera: Camera
 ) -> EdgeConditions:
-    """Conditions with the motion during the readout: six components of the camera's twist, each under its prior.
+    """Conditions of a moving camera: the smear by its exposure is unknown, and so is its motion during the readout.
 
-    The contour at time t is that of the shape plus t times its rate, to first order in t.
+    The contour at time t is that of the shape plus t times its rate, to first order in t; six components of the
+    camera's twist have each their prior.
     """
+    if row_time.readout_s == 0:
+        return replace(conditions, smeared=True)
     rates = []
     for twist in np.diag(row_time.twist_sigma):
         ends = [
@@ -95,6 +98,7 @@ def with_shutter(
     centre = camera.K @ camera_from_marker[:3, 3]
     return replace(
         conditions,
+        smeared=True,
         drift=np.stack(rates, axis=-1) * row_time.row_s(camera.width_px, camera.height_px),
         readout=np.array([1.0, 0.0] if row_time.along_x else [0.0, 1.0]),
         reference_px=centre[:2] / centre[2],

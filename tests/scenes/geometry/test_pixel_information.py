@@ -52,6 +52,9 @@ def summed(blur_px, conditions=EdgeConditions(), noise=(1.5, 2.5), levels=(30.0,
     wider = height * (bend / 2 + slope * drift)
     rows = jacobian(normal, u) * (height * slope)[:, None]
     columns = [rows, -wider[:, None], 1 - t[:, None], t[:, None]]
+    if conditions.smeared:
+        smear = height * (bend - slope * curvatures[0]) / 2
+        columns.append(smear[:, None] * np.stack([normal[:, 0] ** 2 - normal[:, 1] ** 2, 2 * normal.prod(axis=1)], -1))
     if conditions.ink_sigma > 0:
         columns.append(-(wider * support**2)[:, None])
     known = sum(c.shape[1] for c in columns)
@@ -100,7 +103,10 @@ CONDITIONS = {
     "clipped": EdgeConditions(saturation_dn=150.0),
     "soft ink": EdgeConditions(ink_sigma=0.05),
     "partly hidden": EdgeConditions(visible=(outline(), SEEN)),
-    "rolling shutter": EdgeConditions(drift=RATES, readout=np.array([0.0, 1.0]), reference_px=ELLIPSE[:2]),
+    "smeared": EdgeConditions(smeared=True),
+    "rolling shutter": EdgeConditions(
+        smeared=True, drift=RATES, readout=np.array([0.0, 1.0]), reference_px=ELLIPSE[:2]
+    ),
 }
 
 
@@ -173,6 +179,20 @@ def test_a_shutter_costs_more_the_less_is_known_of_the_motion():
     assert np.all(np.diff(traces) > 0)
     # Without a prior the pixels themselves say how it moves, up to what looks like another pose.
     assert traces[5] < 1.001 * traces[4]
+
+
+def test_a_smear_hides_what_rows_do_to_the_edge():
+    # At a speed along x, rows that are read one after another shear the contour to another ellipse; the width of its
+    # edge alone tells the speed, unless a smear may have widened it.
+    shear = np.array([[0.1], [0.0], [0.0], [0.0], [0.0]])
+
+    def at(smeared, drift):
+        rows = {"drift": drift, "readout": np.array([0.0, 1.0]), "reference_px": ELLIPSE[:2]}
+        given = EdgeConditions(smeared=smeared, **rows)
+        return sigmas(shape_information_of_pixels(ELLIPSE, 30.0, 200.0, 0.5, 2.0, conditions=given))
+
+    assert np.all(at(True, 0.0 * shear) < 1.1 * at(False, 0.0 * shear))
+    assert at(True, shear)[3] > 2.0 * at(False, shear)[3]
 
 
 def test_the_variance_of_each_level():
