@@ -51,6 +51,11 @@ class RowTime:
         return np.asarray(apart * self.row_s(width_px, height_px), dtype=np.float64)
 
     @property
+    def moves(self) -> bool:
+        """Whether the camera may move; it then blurs the image even if all rows are exposed at once."""
+        return self.velocity_sigma_m_s > 0 or self.rate_sigma_deg_s > 0
+
+    @property
     def twist_sigma(self) -> Array:
         """(6,) standard deviations of the camera's twist: velocity (m/s), rate of rotation (rad/s)."""
         return np.repeat([self.velocity_sigma_m_s, math.radians(self.rate_sigma_deg_s)], 3)
@@ -79,7 +84,8 @@ def row_time_from_json(record: dict[str, Any]) -> RowTime | None:
     ----------
     record : dict
         A frame of `cameras.json`, or a camera file: `readout_s`, and optionally `twist_prior`, an object of
-        `velocity_sigma_m_s` and `rate_sigma_deg_s`. Without it the twist is that of a camera that moves.
+        `velocity_sigma_m_s` and `rate_sigma_deg_s`. Without it, a rolling shutter's camera moves, and nothing is known
+        of one with a global shutter.
 
     Returns
     -------
@@ -94,6 +100,8 @@ def row_time_from_json(record: dict[str, Any]) -> RowTime | None:
     if record.get("readout_s") is None:
         return None
     prior = record.get("twist_prior")
+    if prior is None and record["readout_s"] == 0:
+        return GLOBAL_SHUTTER
     if prior is None:
         prior = {"velocity_sigma_m_s": MOVING_VELOCITY_SIGMA_M_S, "rate_sigma_deg_s": MOVING_RATE_SIGMA_DEG_S}
     try:
@@ -106,4 +114,4 @@ def row_time_from_json(record: dict[str, Any]) -> RowTime | None:
         ) from error
     if not all(math.isfinite(v) and v >= 0 for v in (readout, velocity, rate)):
         raise DataError("camera record: readout_s and the numbers of twist_prior must be finite and not negative")
-    return GLOBAL_SHUTTER if readout == 0 else RowTime(readout, velocity, rate)
+    return RowTime(readout, velocity, rate)

@@ -148,8 +148,8 @@ class MotionSection(Section):
     frame_s: Positive = Field(default=1.0, description="time between two frames, s; not shorter than the exposure")
     twist_prior: TwistPriorSection | None = Field(
         default=None,
-        description="what the solver may assume about the motion under a rolling shutter; recorded in cameras.json. "
-        "Default: nothing, and the solver assumes a camera that moves",
+        description="what the solver may assume about the motion of the camera; recorded in cameras.json. "
+        "Default: nothing, and the solver assumes a camera that moves if its shutter is a rolling one",
     )
     camera: TwistSection = Field(default=TwistSection(), description="motion of the camera, in its own frame")
     marker: TwistSection = Field(default=TwistSection(), description="motion of the marker, in its own frame")

@@ -41,7 +41,7 @@ class FitState:
         Variance of a pixel inside and outside, dn^2.
     record : (N, 5) array
         Of the edge's pixels, see `pixel_equations`.
-    rows : (8,) array
+    rows : (3,) array
         Their times, see `pixel_equations`.
     """
 
@@ -82,11 +82,15 @@ class PixelFit(EllipseFit):
     rejected_fraction : float
         Share of the contour that shows an edge, but not the ellipse's (an occluder, a shadow's edge), and was left out.
     rates : (5,) array
-        Rates of (x, y, S11, S12, S22), px/s, if a rolling shutter was fitted; else zero.
+        Rates of (x, y, S11, S12, S22), px/s, if a rolling shutter was fitted, by the pixels alone; else zero. The
+        ellipse is then that of the contour in the image, sheared by the first two rates.
     rates_cov : (5, 10) array
         Covariance of the rates with (x, y, S11, S12, S22) and with themselves.
     row_zero_px : float
-        The row, or column, for whose time the ellipse stands.
+        The row, or column, for whose time S stands.
+    motion_cov : (5, 5) array
+        Covariance of the ellipse at one time about that of the contour in the image, by the prior of the rates; zero
+        if nothing was fitted of the motion, for it is then part of `shape_cov`.
     """
 
     blur_px: float
@@ -99,6 +103,7 @@ class PixelFit(EllipseFit):
     rates: Array
     rates_cov: Array
     row_zero_px: float
+    motion_cov: Array
 
 
 def _under_noise() -> tuple[float, float]:
@@ -217,10 +222,13 @@ def finished(
             raised = max(raised, excess)
     raised = max(raised, shared_excess(offset, sigma, direction, sectors.shape[used]))
     shape_cov = state.inverse[:5, :5] * (raised * spread)
-    if motion is not None and not motion.fitted:
+    motion_cov = np.zeros((5, 5))
+    if motion is not None:
         places = _sector_means(state, scene)[used]
         time_s = motion.time_s(places, ellipse[:2] if scene.lens is None else places.mean(axis=0))
-        shape_cov = widened(shape_cov, sectors.shape[used], sigma, time_s, motion)
+        motion_cov = widened(motion_cov, sectors.shape[used], sigma, time_s, motion)
+        if not motion.fitted:
+            shape_cov, motion_cov = shape_cov + motion_cov, 0.0 * motion_cov
     if not np.all(np.diag(shape_cov) > 0):
         return FailedFit("the pixels do not determine an ellipse")
     contour_px = float(np.sum(used)) / count * float(arc_lengths(ellipse[2], ellipse[3])[-1])
@@ -243,4 +251,5 @@ def finished(
         rates=state.parameters[RATES:].copy(),
         rates_cov=_rates_cov(state, raised * spread),
         row_zero_px=float(state.rows[1]),
+        motion_cov=motion_cov,
     )

@@ -34,7 +34,7 @@ from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, shape_of_ell
 from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, sectors_of
 from roundel.solver.fit.pixel_scene import SIZES, PixelScene, scene_of, sums_of
 from roundel.solver.fit.row_motion import RowMotion
-from roundel.solver.kernels.contour_scene import place_moving, side_medians
+from roundel.solver.kernels.contour_scene import side_medians
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.model_choice import model_choice
 from roundel.solver.kernels.pixel_equations import INK, PARAMETERS, RATES, RECORD, SMEAR, VARIANCE, pixel_equations
@@ -68,9 +68,14 @@ _FAILURES = {
 }
 _UNEVEN_LIGHT = 0.3  # standard deviation of the level functions, in contrasts: for what clipped pixels hide
 _INK = 1.0  # standard deviation of the variance of the ink's soft edge, in variances of the blur
-_EXTRA = (SMEAR, SMEAR + 1, INK)
-_BASE = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradient
-_WITH_RATES = np.array([*_BASE, *range(RATES, PARAMETERS)])
+_STILL = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradient
+# Even a smear that is too weak to be seen displaces the contour, and it widens the edge as rows do that are read one
+# after another.
+_MOVING = np.arange(INK)
+_ROLLING = np.array([*_MOVING, *range(RATES, PARAMETERS)])
+# Beyond these, what the pixels show: parameters, and the sets of them to choose from.
+_BEYOND_STILL = np.array([SMEAR, SMEAR + 1, INK]), np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])
+_BEYOND_MOVING = np.array([INK]), np.array([[0], [1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,10 +167,12 @@ def _fit_of(
 ) -> _Fit:
     contrast_dn, blur2 = abs(edges.contrast_dn), max(edges.blur_px, 0.3) ** 2
     priors = np.array([_INK * blur2, _UNEVEN_LIGHT * contrast_dn])
-    rows, base, rates = np.zeros(8), _BASE, np.zeros((5, 5))
+    rows, base, rates = np.zeros(3), _STILL, np.zeros((5, 5))
     if motion is not None and motion.fitted:
-        rows[:2] = motion.row_s, edges.ellipse[0 if motion.along_x else 1]
-        rows[2], base, rates = float(motion.along_x), _WITH_RATES, motion.information()
+        base = _MOVING
+        if motion.row_s > 0:
+            rows[:] = motion.row_s, edges.ellipse[0 if motion.along_x else 1], float(motion.along_x)
+            base, rates = _ROLLING, motion.wide_information()
     constants = _constants(scene, edges)
     least = [_FLOOR_DN2 if noise_floor is None else max(noise_floor(level), _FLOOR_DN2) for level in constants]
     return _Fit(scene, edges, rows, np.array(least), priors, base, rates, constants, np.zeros((STEPS + 1, 5)))
@@ -220,14 +227,15 @@ def _chosen(fit: _Fit, state: FitState) -> FitState:
     """
     # With such a wide blur the level functions resemble the edge itself, and a soft edge of the ink the blur.
     wide = state.parameters[VARIANCE] > (_WIDE_BLUR * float(fit.edges.ellipse[3])) ** 2
-    extras = np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])[: 2 if wide else 3]
+    more, extras = _BEYOND_STILL if fit.base is _STILL else _BEYOND_MOVING
+    extras = extras[:-1] if wide else extras
     most = min(SIZES[1] if wide else SIZES[-1], fit.scene.basis.shape[1])
     # A clipped side does not show whether its light is even; the shades between do.
     sizes = np.array([s for s in SIZES if s <= most and not (s == 1 and any(fit.scene.clipped))])
-    normal, gradient = _equations(fit, state, np.array([*state.used, *_EXTRA]), int(sizes[-1]))
+    normal, gradient = _equations(fit, state, np.array([*state.used, *more]), int(sizes[-1]))
     plain, scale = int(np.count_nonzero(sizes <= SIZES[2])), robust_scale_of(state.record)
     which, size = model_choice(normal, gradient, len(state.used), extras, sizes, plain, len(state.table), scale)
-    added = np.array(_EXTRA)[extras[which] == 1]
+    added = more[extras[which] == 1]
     levels = np.zeros((2, size))
     kept = min(size, state.levels.shape[1])
     levels[:, :kept] = state.levels[:, :kept]
@@ -264,14 +272,16 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     sums = sums_of(scene, levels)
     parameters, noise = state.parameters, state.noise.copy()
     ellipse, table, jacobian = state.ellipse, state.table, state.jacobian
-    record, progress, rows = np.empty((len(table), RECORD)), np.zeros(3), state.rows
+    record, progress = np.empty((len(table), RECORD)), np.zeros(3)
     while True:
         status, parameters, levels, inverse = gauss_newton(
-            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, rows, state.used,
+            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, state.rows, state.used,
             parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, fit.discs, record, progress,
         )  # fmt: skip
         if status == CONVERGED:
-            return FitState(ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record, rows)
+            return FitState(
+                ellipse, table, jacobian, parameters, levels, state.used, inverse, noise, record, state.rows
+            )
         if status != MOVED:
             return FailedFit(_FAILURES[status])
         theta = shape_of_ellipse(ellipse) + parameters[:5]
@@ -283,7 +293,3 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
             return placed
         jacobian, parameters = placed, parameters.copy()
         parameters[:5] = 0.0
-        if rows[0] > 0 and scene.lens is None:  # with a lens, what the rates move stays linear
-            rows = np.array([*rows[:3], *parameters[RATES:]])
-            if not place_moving(table, theta, rows[3:], rows, jacobian):
-                return FailedFit(_FAILURES[DIVERGED])

@@ -22,12 +22,12 @@ _HELD_UPRIGHT = replace(HELD_BY_HAND, along_x=True)
 
 
 def assumed_shutter(declared: RowTime | None, camera_is_assumed: bool, width_px: int, height_px: int) -> RowTime | None:
-    """The rolling shutter to estimate with; None for a global one.
+    """The shutter to estimate with; None for a global one, unless the camera's motion is declared.
 
     Parameters
     ----------
     declared : RowTime or None
-        What the camera's record declares; None if nothing. A readout of 0 is a global shutter.
+        What the camera's record declares; None if nothing.
     camera_is_assumed : bool
         Whether the camera itself is assumed (a default phone, EXIF): a rolling shutter is then assumed, too, if
         nothing is declared. A camera that was given is taken as exact, with a global shutter.
@@ -35,7 +35,7 @@ def assumed_shutter(declared: RowTime | None, camera_is_assumed: bool, width_px:
         An image that is higher than wide was turned upright: the rows of the sensor are its columns.
     """
     if declared is not None:
-        return declared if declared.readout_s > 0 else None
+        return declared if declared.moves else None
     if not camera_is_assumed:
         return None
     return _HELD_UPRIGHT if height_px > width_px else HELD_BY_HAND

@@ -93,38 +93,6 @@ def place_at(table: Array, ellipse: Array, jacobian: Array) -> None:
 
 
 @compiled
-def place_moving(table: Array, shape: Array, rates: Array, rows: Array, jacobian: Array) -> bool:
-    """As `place_at`, for an ellipse that moves while the rows are read; False if it is none at some row.
-
-    Parameters
-    ----------
-    table : (N, 12) array
-    shape, rates : (5,) arrays
-        x, y, S11, S12, S22 at time zero, and their rates, px/s.
-    rows : array
-        See `pixel_equations`.
-    jacobian : (N, 5) array
-        Written.
-    """
-    one = np.empty(5)
-    for i in range(len(table)):
-        seconds = (table[i, X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
-        s11, s12, s22 = (
-            shape[2] + rates[2] * seconds,
-            shape[3] + rates[3] * seconds,
-            shape[4] + rates[4] * seconds,
-        )
-        mean, half = (s11 + s22) / 2.0, math.hypot((s11 - s22) / 2.0, s12)
-        if not mean - half > 0.0:
-            return False
-        one[0], one[1] = shape[0] + rates[0] * seconds, shape[1] + rates[1] * seconds
-        one[2], one[3] = mean + half, mean - half
-        one[4] = math.degrees(math.atan2(s12, (s11 - s22) / 2.0)) / 2.0
-        place_at(table[i : i + 1], one, jacobian[i : i + 1])
-    return True
-
-
-@compiled
 def side_medians(table: Array, inside: Array, outside: Array) -> tuple[float, float]:
     """Medians of the levels on both sides: of the plateaus, and of the fifth of the edge's pixels that is nearest."""
     n = len(table)

@@ -35,7 +35,8 @@ Array = NDArray[np.float64]
 
 # Parameters: change of the shape (x, y, S11, S12, S22); variance of the blur, its share of a disc, its gradient across
 # the marker, its smear (coefficients of cos and sin of twice the normal's direction); variance of the ink's own soft
-# edge at the semi-major axis; rates of the shape, px/s.
+# edge at the semi-major axis; rates of the shape, px/s. The shape is that of the contour in the image, sheared by the
+# rates of x and y: what remains of these two is their effect on the width of the edge.
 VARIANCE, DISC, GRADIENT, SMEAR, INK, RATES, PARAMETERS = 5, 6, 7, 9, 11, 12, 17
 
 # Columns of the record: residual, slope of the prediction by the distance, share of the outer level, weight, and 1 if
@@ -46,6 +47,7 @@ DISC_VARIANCE = 0.1  # the shape of a blur so much smaller than the pixel is not
 _SAME_DISC = 0.01  # relative change of the variance within which a table is scaled
 _BLOCK = 64  # pixels
 _OUTLIER = 6.0  # sigmas at which Tukey's weight reaches zero: 98 % efficient
+_TURN = 3e-3  # rad: difference quotient by the direction of the edge's normal
 
 
 @compiled
@@ -81,9 +83,8 @@ def pixel_equations(
         Level functions at the pixels, and their change along the normal, 1/px.
     clip_dn : float
         The level at which pixels clip.
-    rows : (8,) array
-        Time per row, s; the row of time zero; 1 if rows are columns, else 0; the five rates of the shape with which the
-        distances were computed.
+    rows : (3,) array
+        Time per row, s; the row of time zero; 1 if rows are columns, else 0.
     used : (m,) array
         The parameters that are fitted, of 0 to 16; those of shape and blur come first.
     parameters : (17,) array
@@ -124,8 +125,8 @@ def pixel_equations(
         distance = pixel[DISTANCE]
         for j in range(5):
             distance += jacobian[i, j] * parameters[j]
-            if moving:
-                distance += jacobian[i, j] * (parameters[RATES + j] - rows[3 + j]) * seconds
+            if moving and j >= 2:
+                distance += jacobian[i, j] * parameters[RATES + j] * seconds
         bent = pixel[CURVATURE]
         z, drift = curved_distance(distance, bent, pixel[CURVATURE_SS], total)
         nx, ny = pixel[NORMAL_X], pixel[NORMAL_Y]
@@ -148,6 +149,16 @@ def pixel_equations(
         support = nx * place[i, 0] + ny * place[i, 1]
         own = max(own + ink * support * support, MIN_VARIANCE)
         t, slope, bend = step_response(z, pixel[HALF_SUM], pixel[HALF_DIFFERENCE], own)
+        by_turn = 0.0
+        if moving:
+            x_by_turn, y_by_turn = -math.copysign(ny, nx * ny), math.copysign(nx, nx * ny)
+            turned = step_response(
+                z,
+                pixel[HALF_SUM] + _TURN * (x_by_turn + y_by_turn) / 2.0,
+                pixel[HALF_DIFFERENCE] + _TURN * (x_by_turn - y_by_turn) / 2.0,
+                own,
+            )
+            by_turn = (turned[0] - t) / _TURN
         widening, change, moment = bend / 2.0, 0.0, (own + PIXEL_VARIANCE) * slope
         if round_blur:
             change, by_distance, by_variance, by_slope = disc_minus_gauss(
@@ -167,9 +178,15 @@ def pixel_equations(
             low, high = low + basis[i, j] * levels[0, j], high + basis[i, j] * levels[1, j]
         height = high - low
         slope_dn = height * slope
+        if moving:
+            # A row sees the edge as it is at that time, not sheared: if the edge is passed on by q px a row, distances
+            # from the sheared contour are too large by q n_r, and its normal has to turn by q t_r (r across the rows).
+            across_rows, along_rows = (nx, -ny) if rows[2] > 0.0 else (ny, nx)
+            edge = rows[0] * (height * by_turn * along_rows - slope_dn * distance * across_rows)
+            full[RATES], full[RATES + 1] = nx * edge, ny * edge
         for j in range(5):
             full[j] = jacobian[i, j] * slope_dn
-            if moving:
+            if moving and j >= 2:
                 full[RATES + j] = full[j] * seconds
         full[VARIANCE], full[DISC], full[INK] = (
             height * widening,
@@ -181,6 +198,7 @@ def pixel_equations(
         for j in range(m):
             design[j, at] = full[used[j]]
         predicted = full[GRADIENT] * parameters[GRADIENT] + full[GRADIENT + 1] * parameters[GRADIENT + 1]
+        predicted += full[RATES] * parameters[RATES] + full[RATES + 1] * parameters[RATES + 1]
         for j in range(k):
             outer = basis[i, j] * t + basis_slope[i, j] * moment
             design[m + j, at], design[m + k + j, at] = basis[i, j] - outer, outer

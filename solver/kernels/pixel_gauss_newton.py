@@ -235,13 +235,13 @@ def _allowed(parameter: int, parameters: Array, step: float, inked: bool) -> flo
 
 @compiled
 def largest_shift(table: Array, jacobian: Array, rows: Array, step: Array, rates: Array) -> float:
-    """Largest change of a distance by a step of the shape and of its rates, px."""
+    """Largest change of a distance by a step of the shape and of the rates of S, px."""
     largest = 0.0
     for i in range(len(jacobian)):
         seconds = (table[i, X if rows[2] > 0.0 else Y] - rows[1]) * rows[0]
         shift = 0.0
         for j in range(5):
-            shift += jacobian[i, j] * (step[j] + rates[j] * seconds)
+            shift += jacobian[i, j] * (step[j] + (rates[j] * seconds if j >= 2 else 0.0))
         largest = max(largest, abs(shift))
     return largest
 
@@ -364,10 +364,7 @@ def gauss_newton(
             parameters, levels = wanted, wanted_levels
         else:
             parameters, levels = moved(parameters, levels, used, step, part)
-        for j in range(5):
-            turned[j] = parameters[RATES + j] - rows[3 + j]
-        total = largest_shift(table, jacobian, rows, parameters[:5], turned)
-        if not total < _TRUST_PX:
+        if not largest_shift(table, jacobian, rows, parameters[:5], parameters[RATES:]) < _TRUST_PX:
             return DIVERGED, parameters, levels, inverse
         # A change of the levels, as the shift of the edge that would change its pixels as much.
         height = max(abs(levels[1, 0] - levels[0, 0]), 1e-12)
@@ -383,6 +380,9 @@ def gauss_newton(
             if ended:
                 inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse
-        if total > (_RELINEARISE_PX if close else _ROUGHLY_PX):
+        for j in range(5):  # what the rates move stays linear
+            turned[j] = 0.0
+        shifted = largest_shift(table, jacobian, rows, parameters[:5], turned)
+        if shifted > (_RELINEARISE_PX if close else _ROUGHLY_PX):
             return MOVED, parameters, levels, inverse
     return UNSETTLED, parameters, levels, inverse

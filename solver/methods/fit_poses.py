@@ -76,12 +76,9 @@ def _posed(fits: Sequence[EllipseFit], uncertain: UncertainCamera, radius_m: flo
 def _at_centre_rows(fit: PixelFit, uncertain: UncertainCamera, radius_m: float) -> Posed | FailedFit:
     camera, row_time = uncertain.camera, uncertain.row_time
     assert row_time is not None, "a global shutter has no rates"
-    known = radius_m, uncertain.focal_sigma, uncertain.principal_sigma_px
-    rates = fit.rates, fit.shape_cov, fit.rates_cov
-    row_s = row_time.row_s(camera.width_px, camera.height_px)
-    moving = MovingEllipse(fit.ellipse, *rates, fit.row_zero_px, row_s, row_time.along_x)
+    moving = MovingEllipse(fit.ellipse, fit.rates, fit.shape_cov, fit.rates_cov, fit.row_zero_px)
+    sigmas = uncertain.focal_sigma, uncertain.principal_sigma_px
     try:
-        poses, _ = poses_with_covariance(fit.ellipse, fit.shape_cov, camera.K, *known)
-        return poses_at_centre_rows(poses, moving, camera, *known)
+        return poses_at_centre_rows(moving, camera, row_time, radius_m, *sigmas)
     except ValueError as error:
         return FailedFit(str(error))

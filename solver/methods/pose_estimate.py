@@ -60,13 +60,13 @@ def estimate_of(
     if isinstance(posed, FailedFit):
         return Estimate(*key, status="failed", reason=posed.reason, ellipse=ellipse, camera=uncertain.camera, **about)
     poses, cov = posed
-    shape_cov = fit.shape_cov if np.all(np.isfinite(fit.shape_cov)) else None
+    shape_cov = fit.shape_cov + fit.motion_cov if isinstance(fit, PixelFit) else fit.shape_cov
     image = None if seen is None else seen.grey
     observation = Observation(
         poses.normal,
         cov,
         fit.ellipse,
-        shape_cov,
+        shape_cov if np.all(np.isfinite(shape_cov)) else None,
         uncertain,
         image=image,
         blur_px=about.get("blur_px", 0.5),

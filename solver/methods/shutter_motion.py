@@ -15,12 +15,12 @@ Array = NDArray[np.float64]
 
 
 def motions_of(uncertain: UncertainCamera, ellipses: Array, radius_m: float) -> list[RowMotion | None]:
-    """Readout and prior of the rates of each ellipse (N, 5); None for a global shutter, or an ellipse without a pose.
+    """Readout and prior of the rates of each ellipse (N, 5); None for a camera at rest, or an ellipse without a pose.
 
-    A declared shutter is fitted; the assumed one of an unknown camera only widens the covariance.
+    A declared motion is fitted; the assumed one of an unknown camera only widens the covariance.
     """
     row_time, camera = uncertain.row_time, uncertain.camera
-    if row_time is None or row_time.readout_s == 0 or not len(ellipses):
+    if row_time is None or not row_time.moves or not len(ellipses):
         return [None] * len(ellipses)
     try:
         covariances = shape_rate_covariance(ellipses, camera.K, radius_m, row_time)

@@ -35,17 +35,30 @@ def shape_rate_covariance(ellipse: Array, K: Array, radius_m: float, row_time: R
         If an ellipse has no pose.
     """
     poses = poses_from_ellipse(ellipse, K, radius_m)
-    normal, centre = poses.normal[..., None, None, :], poses.centre_m[..., None, None, :] / radius_m
-    # Six twists in two directions: a shift along, and a turn about, each axis.
+    rates = shape_rates(poses.normal, poses.centre_m, K, radius_m) * row_time.twist_sigma
+    return np.asarray(np.mean(rates @ np.swapaxes(rates, -1, -2), axis=-3))
+
+
+def shape_rates(normal: Array, centre_m: Array, K: Array, radius_m: float) -> Array:
+    """Derivative (..., 5, 6) of the rates of x, y, S11, S12, S22 (px/s) by the camera's twist (m/s, rad/s).
+
+    Parameters
+    ----------
+    normal, centre_m : (..., 3) arrays
+        The circle's pose.
+    K : (3, 3) array
+    radius_m : float
+    """
+    normal, centre = normal[..., None, None, :], centre_m[..., None, None, :] / radius_m
+    # Six twists in two directions: a shift along, and a turn about, each axis. The scene moves against the camera.
     shape = image_shape(
         np.concatenate([normal + 0.0 * _AXES, _turned(normal)], axis=-3),
         np.concatenate([centre + _AXES, _turned(centre)], axis=-3),
         K,
     )
-    sigma = row_time.twist_sigma
-    sigma[:3] /= radius_m
-    rates = (shape[..., 0, :] - shape[..., 1, :]) / (2 * _STEP) * sigma[:, None]
-    return np.asarray(np.mean(np.swapaxes(rates, -1, -2) @ rates, axis=-3))
+    rates = (shape[..., 1, :] - shape[..., 0, :]) / (2 * _STEP)
+    rates[..., :3, :] /= radius_m
+    return np.asarray(np.swapaxes(rates, -1, -2))
 
 
 def _turned(vector: Array) -> Array:

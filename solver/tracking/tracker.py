@@ -38,7 +38,6 @@ from roundel.solver.methods.roundel_fits import (
 from roundel.solver.methods.shutter_motion import motions_of
 from roundel.solver.photometry.image_levels import EQUAL, averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
-from roundel.solver.pose.pose_covariance import poses_with_covariance
 from roundel.solver.tracking.assignment import assign, same_contour
 from roundel.solver.tracking.ellipse_motion import EllipseMotion
 from roundel.solver.tracking.normal_motion import NormalMotion
@@ -287,8 +286,9 @@ class Tracker:
     def _noise_of(self, fit: EllipseFit | FailedFit, cov: Array, uncertain: UncertainCamera) -> Array:
         """Covariance (2, 3, 3) of both normals by this frame's noise: the camera's errors are those of all frames."""
         if isinstance(fit, EllipseFit) and (uncertain.focal_sigma or uncertain.principal_sigma_px):
-            exact = poses_with_covariance(fit.ellipse, fit.shape_cov, uncertain.camera.K, self._diameter_m / 2)[1]
-            cov = cov if exact is None else exact
+            exact = replace(uncertain, focal_sigma=0.0, principal_sigma_px=0.0)
+            (posed,) = poses_of_fits([fit], exact, self._diameter_m / 2)
+            cov = cov if isinstance(posed, FailedFit) or posed[1] is None else posed[1]
         return cov[:, 3:, 3:]
 
     def _lives(self, track: _Track) -> bool:

@@ -49,7 +49,11 @@ def test_records_with_and_without_a_prior() -> None:
     assert row_time_from_json(row_time_to_json(0.01, 0.002, (0.1, 3.0))) == RowTime(0.01, 0.1, 3.0)
     moving = RowTime(0.01, MOVING_VELOCITY_SIGMA_M_S, MOVING_RATE_SIGMA_DEG_S)
     assert row_time_from_json(row_time_to_json(0.01, 0.002, None)) == moving
-    assert row_time_from_json(row_time_to_json(0.0, 0.002, (0.1, 3.0))) == GLOBAL_SHUTTER
+    # A camera with a global shutter moves if that is declared.
+    assert row_time_from_json(row_time_to_json(0.0, 0.002, (0.1, 3.0))) == RowTime(0.0, 0.1, 3.0)
+    assert row_time_from_json(row_time_to_json(0.0, 0.002, None)) == GLOBAL_SHUTTER
+    assert RowTime(0.0, 0.1, 0.0).moves
+    assert not GLOBAL_SHUTTER.moves
     assert row_time_from_json({"readout_s": None}) is None
     assert row_time_from_json({}) is None
 

@@ -25,6 +25,8 @@ def shutter(text, declared=None, size=(1280, 720)):
 def test_what_is_declared_is_used(text) -> None:
     assert shutter(text, DECLARED) == DECLARED
     assert shutter(text, GLOBAL_SHUTTER) is None
+    moving = RowTime(0.0, 0.1, 5.0)  # its exposures are smeared
+    assert shutter(text, moving) == moving
 
 
 def test_nothing_declared() -> None:
