@@ -368,7 +368,10 @@ def gauss_newton(
             return DIVERGED, parameters, levels, inverse
         # A change of the levels, as the shift of the edge that would change its pixels as much.
         height = max(abs(levels[1, 0] - levels[0, 0]), 1e-12)
-        lifted_px = max(abs(step[m]), abs(step[m + k])) / height * 2.5 * flank_px
+        lifts = np.zeros(2)
+        for j in range(k):
+            lifts[0], lifts[1] = lifts[0] + abs(step[m + j]), lifts[1] + abs(step[m + k + j])
+        lifted_px = max(lifts[0], lifts[1]) / height * 2.5 * flank_px
         largest = max(moved_px, blurred_px, lifted_px)
         # The step in units of its own standard deviation, where the noise is what the residuals show.
         decrement /= progress[2] * progress[2]
