@@ -9,9 +9,11 @@ ellipse: Ellipses from points: a direct fit as the starting value, the orthogona
 ellipse_distance: Orthogonal projection of points on an ellipse, exact and vectorised
 guaranteed_fit: Guaranteed ellipse fit: minimal Sampson distances among ellipses, never a hyperbola
 levenberg_marquardt: Levenberg-Marquardt for the five parameters of an ellipse, with few function evaluations
+local_light: Light that smooth functions do not follow: departures of the grey levels, sector by sector of a contour
 pixel_covariance: The covariance of a fit to the pixels: that of the noise, raised by what the residuals show of the
     model's errors
 pixel_fit: Ellipse, blur and grey levels fitted to the pixels together, by weighted least squares
 pixel_scene: The data of a pixel fit: pixels of the edge, the plateaus beside it, and functions of the grey levels
 row_motion: The motion of an ellipse while the rows of the image are read, under a prior
+sector_planes: Planes of the grey levels in the sectors of a contour, by least squares over the neighbouring sectors
 """

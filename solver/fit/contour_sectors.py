@@ -21,13 +21,14 @@ Array = NDArray[np.float64]
 _FAR = 4.5  # sigmas of a single sector's offset, or of the mean of a run
 _RUNS = np.array([0, 1, 3])  # neighbours on either side
 _LOUD = 1.5  # mean square of residuals over what chance allows: sharp edges fit some directions worse than others
-_FEWEST, _LEAST = 12, 0.4  # sectors that are left, and their share of those with an offset
+_OPPOSITE = 2  # neighbours of the sector on the opposite side
+FEWEST, LEAST = 12, 0.4  # sectors that are left, and their share of those with an offset
 _FIRST, _LAST = 3, 8  # harmonics of the direction
 _PRIOR = 8.0  # degrees of freedom by which an excess is taken to be none
 
 
 @compiled
-def _chance(number: float, sigmas: float) -> float:
+def chance(number: float, sigmas: float) -> float:
     """Mean square of so many normal numbers, that chance exceeds as rarely as a normal number exceeds these sigmas.
 
     Source: E. B. Wilson, M. M. Hilferty, The distribution of chi-square, PNAS 17 (1931).
@@ -63,10 +64,10 @@ def deviating_sectors(
     number = 0
     for i in range(count):
         number += used[i]
-    if number < _FEWEST:
+    if number < FEWEST:
         return none
     z, sizes, noise, shares = np.zeros(count), np.empty(number), np.zeros(count), np.zeros(count)
-    n, loud = 0, np.empty(number)
+    n, loud, level = 0, np.empty(number), np.zeros(count)
     for i in range(count):
         if used[i]:
             z[i] = offset[i] / sigma[i]
@@ -74,7 +75,8 @@ def deviating_sectors(
                 j = (i + k) % count
                 if used[j]:
                     noise[i], shares[i] = noise[i] + square[j], shares[i] + pixels[j]
-            sizes[n], loud[n] = abs(z[i]), noise[i] / max(shares[i], 1.0) / _chance(shares[i], 0.0)
+            level[i] = noise[i] / max(shares[i], 1.0) / chance(shares[i], 0.0)
+            sizes[n], loud[n] = abs(z[i]), level[i]
             n += 1
     limit = _FAR * max(1.0, 1.4826 * median(sizes))
     typical = median(loud)
@@ -88,7 +90,15 @@ def deviating_sectors(
                 j = (i + k) % count
                 total, terms = total + z[j], terms + used[j]
             bad[i] = bad[i] or abs(total) > limit * math.sqrt(terms)
-        bad[i] = bad[i] or noise[i] > _LOUD * typical * _chance(shares[i], _FAR) * max(shares[i], 1.0)
+        # A blur that the model does not describe, of a moving camera, is the same on the opposite side.
+        n = 0
+        for k in range(-_OPPOSITE, _OPPOSITE + 1):
+            j = (i + count // 2 + k) % count
+            if used[j]:
+                loud[n] = level[j]
+                n += 1
+        usual = max(typical, median(loud[:n])) if n > _OPPOSITE else typical
+        bad[i] = bad[i] or noise[i] > _LOUD * usual * chance(shares[i], _FAR) * max(shares[i], 1.0)
         found = found or bad[i]
     if not found:
         return none
@@ -98,7 +108,7 @@ def deviating_sectors(
             for k in range(-width, width + 1):
                 out[i] = out[i] or bad[(i + k) % count]
             left += not out[i]
-    return out if left >= max(_FEWEST, _LEAST * number) else none
+    return out if left >= max(FEWEST, LEAST * number) else none
 
 
 def shared_excess(offset: Array, sigma: Array, direction: Array, shape: Array) -> float:

@@ -144,7 +144,7 @@ class Sectors:
 
 def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     """Offsets and residuals by sector."""
-    information, pull = _by_pixel(state)
+    information, pull = _by_pixel(state, scene)
     steep = np.abs(state.record[:, SLOPE]) > 0.2 * float(np.max(np.abs(state.record[:, SLOPE]), initial=1e-300))
     count = len(scene.starts) - 1
     sector = np.repeat(np.arange(count), np.diff(scene.starts))
@@ -186,11 +186,13 @@ def _sector_means(state: FitState, scene: PixelScene) -> Array:
     return np.stack(places, axis=1) / number[:, None]
 
 
-def _by_pixel(state: FitState) -> tuple[Array, Array]:
+def _by_pixel(state: FitState, scene: PixelScene) -> tuple[Array, Array]:
     """Information of each pixel on the position of the edge, and its pull on it; none of clipped pixels."""
     residual, slope_dn, share, weight = (state.record[:, i] for i in (RESIDUAL, SLOPE, SHARE, WEIGHT))
     variance = state.noise[0] + (state.noise[1] - state.noise[0]) * share
     measured = state.record[:, CLIPPED] == 0.0
+    if len(scene.light):
+        variance = variance / scene.light[:, 4]
     return np.where(measured, slope_dn**2 / variance, 0.0), np.where(measured, weight * slope_dn * residual, 0.0)
 
 
@@ -201,11 +203,12 @@ def finished(
     theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
     ellipse = ellipse_of_shape(theta)
     power, spread = _under_noise()
-    information, pull = _by_pixel(state)
+    information, pull = _by_pixel(state, scene)
     total = float(np.sum(information))
     if not total > 0:
         return FailedFit("the pixels do not determine an ellipse")
-    misfit = float(np.sum(pull**2)) / total / power
+    shares = scene.light[:, 4] if len(scene.light) else 1.0  # pulls are weighted by them, too
+    misfit = float(np.sum(pull**2)) / float(np.sum(information * shares)) / power
     sectors = sectors_of(state, scene)
     used = sectors.used
     offset, sigma = sectors.offset[used], sectors.sigma[used]

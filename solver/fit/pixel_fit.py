@@ -31,8 +31,9 @@ from roundel.solver.fit.band_pixels import place_pixels
 from roundel.solver.fit.contour_sectors import deviating_sectors
 from roundel.solver.fit.edges import EdgePoints
 from roundel.solver.fit.ellipse import FailedFit, ellipse_of_shape, shape_of_ellipse
+from roundel.solver.fit.local_light import local_light, near_gaps, parameters_at, record_of
 from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, sectors_of
-from roundel.solver.fit.pixel_scene import SIZES, PixelScene, scene_of, sums_of
+from roundel.solver.fit.pixel_scene import SIZES, PixelScene, lit_scene, scene_of, sums_of
 from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.kernels.contour_scene import side_medians
 from roundel.solver.kernels.disc_blur import STEPS
@@ -53,14 +54,10 @@ Array = NDArray[np.float64]
 
 _WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
-# The local levels of `edges` follow shadows and highlights that smooth functions cannot. At this ratio of both
-# residuals (1 to 1.2 in smooth light, 1.4 for an edge without blur) its edge points are more accurate.
-_UNEVEN = 1.5
 _ROUNDS = 3  # of leaving out sectors
-_ROUNDING_DN = 0.3
+_MOSTLY = 0.3  # of a contour
 _FLOOR_DN2 = 1e-4  # no sensor is free of noise: a thousandth of the rounding's variance 1/12
 
-UNEVEN = "the light on the marker is too uneven for smooth grey levels"
 _FAILURES = {
     UNDETERMINED: "the pixels do not determine an ellipse",
     DIVERGED: "the ellipse diverges from its edge points",
@@ -124,39 +121,59 @@ def fit_pixels(
     """
     lens = camera if camera is not None and distorts(camera) else None
     pixels = np.ascontiguousarray(image, dtype=np.float32)
+    whole = scene_of(pixels, edges, lens, full_scale_dn, near_gaps(edges.trusted))
+    if isinstance(whole, FailedFit):
+        return whole
     trusted = edges.trusted
-    rounds = 0
-    while True:
-        rounds += 1
-        scene = scene_of(pixels, edges, lens, full_scale_dn, trusted)
-        if isinstance(scene, FailedFit):
-            return scene
-        fit = _fit_of(scene, edges, noise_floor, motion)
-        state = _settled(fit)
-        if isinstance(state, FailedFit):
-            return state
-        if rounds == 1 and not any(scene.clipped) and _is_uneven(state, fit):
-            return FailedFit(UNEVEN)
-        sectors = sectors_of(state, scene)
+    for rounds in range(1, _ROUNDS + 1):
+        fit = _fit_of(lit_scene(whole, trusted), edges, noise_floor, motion)
+        settled = _settled(fit)
+        state = _first_state(fit) if isinstance(settled, FailedFit) else settled
+        if isinstance(settled, FailedFit):
+            # Smooth levels may be so wrong that nothing settles; the light beside the contour as found may not be.
+            state, fit, trusted = _with_light(state, fit, whole, trusted, False)
+            if not len(state.inverse):
+                return settled
+        state, fit, trusted = _with_light(state, fit, whole, trusted, rounds == 1)
+        sectors = sectors_of(state, fit.scene)
         width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
         bad = deviating_sectors(sectors.offset, sectors.sigma, sectors.square, sectors.pixels, sectors.used, width)
         if rounds == _ROUNDS or not np.any(bad):
-            rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
-            return finished(state, scene, rejected, motion)
+            break
         trusted = trusted & ~bad
+    rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
+    return finished(state, fit.scene, max(rejected, 0.0), motion)
 
 
-def _is_uneven(state: FitState, fit: _Fit) -> bool:
-    """Whether the local levels of the edge points follow the light better than smooth functions do."""
-    spread_dn = math.sqrt(float(np.mean(state.noise)))
-    least_dn = max(fit.edges.noise_dn, _ROUNDING_DN, math.sqrt(float(np.mean(fit.floor))))
-    return _needs_harmonics(state, fit) or spread_dn > _UNEVEN * least_dn
-
-
-def _needs_harmonics(state: FitState, fit: _Fit) -> bool:
-    many = state.levels.shape[1] == SIZES[-1] and not any(fit.scene.clipped)
-    # In an image without noise they explain what the model rounds off.
-    return many and fit.edges.noise_dn > _ROUNDING_DN
+def _with_light(
+    state: FitState, fit: _Fit, whole: PixelScene, trusted: NDArray[np.bool_], grow: bool
+) -> tuple[FitState, _Fit, NDArray[np.bool_]]:
+    """The fit with local light where its pixels show some, then with sectors regained at the ends of gaps."""
+    if any(whole.clipped):
+        return state, fit, trusted
+    for growing in (False, True) if grow and not trusted.all() else (False,):
+        known = whole is fit.scene and len(state.record)
+        record = state.record if known else record_of(state, whole, fit.rows, fit.discs)
+        light = local_light(state, whole, record, trusted, growing)
+        if light is not None and state.levels.shape[1] > SIZES[1] and light.part > _MOSTLY:
+            # Squares that follow a shadow bend too much for planes on top of them.
+            state = replace(state, levels=state.levels[:, : SIZES[1]].copy())
+            light = local_light(state, whole, record_of(state, whole, fit.rows, fit.discs), trusted, growing)
+        if light is None:
+            continue
+        lit = replace(fit, scene=lit_scene(whole, light.trusted, light.planes, light.share))
+        start = replace(
+            state,
+            ellipse=whole.ellipse,
+            table=lit.scene.table,
+            jacobian=lit.scene.jacobian,
+            parameters=parameters_at(state, whole),
+            rows=fit.rows,
+        )
+        again = _fitted(lit, start)
+        if not isinstance(again, FailedFit):
+            state, fit, trusted = again, lit, light.trusted
+    return state, fit, trusted
 
 
 def _fit_of(
@@ -184,8 +201,6 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
     # but for the shape of a wide blur.
     first = _first_state(fit)
     chosen = _chosen(fit, first)
-    if _needs_harmonics(chosen, fit):
-        return FailedFit(UNEVEN)
     state = _fitted(fit, chosen)
     if isinstance(state, FailedFit):
         return _fitted(fit, replace(first, used=fit.base))
@@ -250,7 +265,7 @@ def _equations(fit: _Fit, state: FitState, used: NDArray[np.int64], k: int) -> t
     levels[:, :kept] = state.levels[:, :kept]
     normal, gradient, record = np.empty((size, size)), np.empty(size), np.empty((len(state.table), RECORD))
     pixel_equations(
-        state.table, state.jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn,
+        state.table, state.jacobian, scene.place, scene.basis, scene.basis_slope, scene.light, scene.clip_dn,
         state.rows, used, state.parameters, levels, state.noise,
         robust_scale_of(state.record), fit.discs, normal, gradient, record,
     )  # fmt: skip
@@ -275,8 +290,10 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     record, progress = np.empty((len(table), RECORD)), np.zeros(3)
     while True:
         status, parameters, levels, inverse = gauss_newton(
-            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.clip_dn, state.rows, state.used,
-            parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, fit.discs, record, progress,
+            table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.light, scene.clip_dn,
+            state.rows,
+            state.used, parameters, levels, *sums, fit.floor, fit.priors, fit.rates_information, noise, fit.discs,
+            record, progress,
         )  # fmt: skip
         if status == CONVERGED:
             return FitState(

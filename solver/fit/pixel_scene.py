@@ -1,14 +1,14 @@
 """The data of a pixel fit: pixels of the edge, the plateaus beside it, and functions of the grey levels.
 
 Inside and outside each have a level that varies across the marker as a sum of smooth functions: 1; x and y (light
-fall-off); their squares (a nearby lamp); harmonics of the direction from the centre (a soft shadow, a highlight). Each
-order costs some precision of the ellipse, so it is used only if the pixels show it.
+fall-off); their squares (a nearby lamp). Each order costs some precision of the ellipse, so it is used only if the
+pixels show it. What they do not follow is the matter of `local_light`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +27,12 @@ from roundel.solver.kernels.contour_band import (
     plateau_pixels,
     side_functions,
 )
+from roundel.solver.kernels.contour_pixels import DISTANCE
 from roundel.solver.kernels.contour_scene import plateau_sums
 
 Array = NDArray[np.float64]
 
-SIZES = (1, 3, 6, 14)  # level functions per side of each order
+SIZES = (1, 3, 6)  # level functions per side of each order
 _WIDER_PX = 6  # plateaus extend this much farther than in `edge_points`, as long as they are flat
 _WIDER_BLURS = 2.5  # and this many sigmas of the blur
 _CLIPPED_PX = 3.0  # of a clipped plateau this much counts, as part of the edge
@@ -49,10 +50,14 @@ class Plateau:
         The level functions at each pixel.
     value : (N,) array
         Grey levels.
+    sector, distance : (N,) arrays
+        Sectors of the contour, and distances from it, px.
     """
 
     basis: Array
     value: Array
+    sector: NDArray[np.int64]
+    distance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +76,12 @@ class PixelScene:
         The functions at the edge's pixels, and their change along the normal, 1/px.
     place : (N, 2) array
         Positions of the foot points relative to the centre, in semi-major axes.
+    sectors : (N,) array
+        Sectors of the edge's pixels.
+    light : (N, 5) array
+        Local departures of the levels, see `pixel_equations`; empty without any.
     plateaus : (Plateau, Plateau)
-        Inside and outside.
+        Inside and outside, without local departures of the levels.
     lens : Camera or None
         With distortion.
     clip_dn : float
@@ -90,6 +99,8 @@ class PixelScene:
     basis: Array
     basis_slope: Array
     place: Array
+    sectors: NDArray[np.int64]
+    light: Array
     plateaus: tuple[Plateau, Plateau]
     lens: Camera | None
     clip_dn: float
@@ -116,14 +127,14 @@ def scene_of(
     sectors = int(np.count_nonzero(trusted))
     if not sectors or not len(band):
         return FailedFit("the contour is outside the image")
-    ends = flat_reach(band, len(trusted), np.array([low, high]), edges.contrast_dn, edges.noise_dn, wider)
-    clip_dn, clips_inside, clips_outside, share = clipping(band, ends, float(full_scale_dn), sectors)
-    first = max(-reach - _CLIPPED_PX * clips_inside, float(ends[0]))
-    last = min(reach + _CLIPPED_PX * clips_outside, float(ends[1]))
-    edge, starts, jacobian = edge_pixels(band, found, first, last, len(trusted))
+    count, limits = len(trusted), np.array([low, high])
+    ends = flat_reach(band, count, limits, edges.contrast_dn, edges.noise_dn, reach, wider)
+    clip_dn, clips_inside, clips_outside, share = clipping(band, ends, float(full_scale_dn), count, sectors)
+    first, last = -reach - _CLIPPED_PX * clips_inside, reach + _CLIPPED_PX * clips_outside
+    edge, starts, jacobian = edge_pixels(band, found, first, last, ends, count)
     # A clipped plateau tells nothing of its level.
-    inside = plateau_pixels(band, math.inf if clips_inside else ends[0], first)
-    outside = plateau_pixels(band, math.inf if clips_outside else last, ends[1])
+    inside = plateau_pixels(band, math.inf if clips_inside else -math.inf, first, ends, count)
+    outside = plateau_pixels(band, math.inf if clips_outside else last, math.inf, ends, count)
     pixels = len(edge) + len(inside) + len(outside)
     if pixels < _FEWEST or len(edge) < _FEWEST // 3:
         return FailedFit("too few pixels along the contour")
@@ -150,6 +161,8 @@ def scene_of(
         basis,
         basis_slope,
         place,
+        np.repeat(np.arange(count), np.diff(starts)),
+        np.empty((0, 5)),
         plateaus,
         lens,
         clip_dn,
@@ -158,11 +171,46 @@ def scene_of(
     )
 
 
+def lit_scene(
+    scene: PixelScene, trusted: NDArray[np.bool_], planes: Array | None = None, shares: Array | None = None
+) -> PixelScene:
+    """The trusted sectors of a scene, with planes (S, 6) added to their levels: see `local_light`."""
+    if planes is None and trusted.all():
+        return scene
+    keep = trusted[scene.sectors]
+    sectors = scene.sectors[keep]
+    table = scene.table[keep]
+    light = scene.light
+    if planes is not None and shares is not None:
+        p, d = planes[sectors], table[:, DISTANCE]
+        columns = (p[:, 0] + d * p[:, 1], p[:, 3] + d * p[:, 4], p[:, 1], p[:, 4], shares[sectors])
+        light = np.stack(columns, axis=1)
+    plateaus = []
+    for side, plateau in enumerate(scene.plateaus):
+        kept = trusted[plateau.sector]
+        sector, distance, value = plateau.sector[kept], plateau.distance[kept], plateau.value[kept]
+        if planes is not None:
+            value = value - planes[sector, 3 * side] - distance * planes[sector, 3 * side + 1]
+        plateaus.append(Plateau(plateau.basis[kept], value, sector, distance))
+    return replace(
+        scene,
+        table=table,
+        starts=np.concatenate([[0], np.cumsum(np.bincount(sectors, minlength=len(trusted)))]),
+        jacobian=scene.jacobian[keep],
+        basis=scene.basis[keep],
+        basis_slope=scene.basis_slope[keep],
+        place=scene.place[keep],
+        sectors=sectors,
+        light=light,
+        plateaus=(plateaus[0], plateaus[1]),
+    )
+
+
 def _most_functions(pixels: int, clipped: tuple[bool, bool]) -> int:
     """The largest number of level functions that this number of pixels can determine."""
     if any(clipped):  # what a clipped level does beside the edge is unknown
         return SIZES[1]
-    return SIZES[3] if pixels > 40 * SIZES[3] else SIZES[2] if pixels > 40 * SIZES[2] else SIZES[1]
+    return SIZES[2] if pixels > 40 * SIZES[2] else SIZES[1]
 
 
 def _start(edges: EdgePoints, lens: Camera | None) -> Array | FailedFit:

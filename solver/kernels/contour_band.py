@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 BAND_X, BAND_Y, LEVEL, OFFSET, SECTOR, BAND = 0, 1, 2, 3, 4, 5
 
 _LAST_PX = 1.5  # outermost part of a plateau of `edge_points`, with which pixels beyond it are compared
-_FLAT = 0.01  # fraction of the contrast
+_FLAT, _CHANGE = 0.02, 3.0  # fraction of the contrast, and sigmas of the noise
 _GROUPS = 12  # directions in which a plateau's flatness is tested
 _SATURATED = 254.5 / 255.0  # fraction of the full scale
 _CLIPPED = 0.002  # fraction of a plateau: more than a few hot pixels
@@ -110,11 +110,24 @@ def contour_band(
 
 
 @compiled
-def flat_reach(band: Array, sectors: int, reach: Array, contrast_dn: float, noise_dn: float, wider: int) -> Array:
-    """Extent (2,) of the plateaus beyond `reach` (2,): until some directions deviate from their level."""
-    ends = np.empty(2)
+def group_of(sector: float, sectors: int) -> int:
+    """The direction to which a sector belongs."""
+    return int(sector) * _GROUPS // sectors
+
+
+@compiled
+def flat_reach(
+    band: Array, sectors: int, reach: Array, contrast_dn: float, noise_dn: float, edge_px: float, wider: int
+) -> Array:
+    """Extent (2, directions) of the plateaus beyond `reach` (2,): until the level of a direction changes.
+
+    Within `edge_px` of the contour it may still rise: the edge of a contour that is partly hidden seems to end where
+    the mean level of all directions falls again.
+    """
+    ends = np.empty((2, _GROUPS))
     for side in range(2):
         sign = 2.0 * side - 1.0
+        upward = sign if contrast_dn > 0.0 else -sign
         # Bin 0 is the last one of `reach`, the others are 1 px each.
         number, total = np.zeros((wider + 1, _GROUPS)), np.zeros((wider + 1, _GROUPS))
         for i in range(len(band)):
@@ -122,38 +135,41 @@ def flat_reach(band: Array, sectors: int, reach: Array, contrast_dn: float, nois
             if beyond > -_LAST_PX:
                 k = max(math.ceil(beyond), 0)
                 if k <= wider:
-                    group = int(band[i, SECTOR]) * _GROUPS // sectors
+                    group = group_of(band[i, SECTOR], sectors)
                     number[k, group] += 1
                     total[k, group] += band[i, LEVEL]
-        extent = 0
-        for k in range(1, wider + 1):
-            both, squares, inverse = 0, 0.0, 0.0
-            for g in range(_GROUPS):
-                if number[0, g] > 0 and number[k, g] > 0:
-                    both += 1
-                    squares += (total[k, g] / number[k, g] - total[0, g] / number[0, g]) ** 2
-                    inverse += 1.0 / number[0, g] + 1.0 / number[k, g]
-            if both < 3:
-                break
-            if squares / both > (_FLAT * contrast_dn) ** 2 + 2.0 * noise_dn**2 * inverse / both:
-                break
-            extent = k
-        ends[side] = reach[side] + sign * extent
+        for g in range(_GROUPS):
+            extent, base = 0, 0
+            for k in range(1, wider + 1):
+                if number[base, g] == 0 or number[k, g] == 0:
+                    break
+                change = total[k, g] / number[k, g] - total[base, g] / number[base, g]
+                chance = noise_dn * noise_dn * (1.0 / number[base, g] + 1.0 / number[k, g])
+                limit = math.sqrt((_FLAT * contrast_dn) ** 2 + _CHANGE**2 * chance)
+                rising = sign * reach[side] + k - 1 < edge_px
+                if change * upward < -limit or (abs(change) > limit and not rising):
+                    break
+                extent = k
+                if rising:
+                    base = k
+            ends[side, g] = reach[side] + sign * extent
     return ends
 
 
 @compiled
-def clipping(band: Array, ends: Array, full_scale_dn: float, sectors: int) -> tuple[float, bool, bool, float]:
+def clipping(
+    band: Array, ends: Array, full_scale_dn: float, count: int, sectors: int
+) -> tuple[float, bool, bool, float]:
     """The clipping level of a contour, whether the plateaus inside and outside clip, and the share of clipped pixels.
 
     Parameters
     ----------
     band : (N, 5) array
-    ends : (2,) array
+    ends : (2, directions) array
         The distances that count.
     full_scale_dn : float
-    sectors : int
-        Number of trusted sectors.
+    count, sectors : int
+        Numbers of all and of the trusted sectors.
 
     Returns
     -------
@@ -166,7 +182,8 @@ def clipping(band: Array, ends: Array, full_scale_dn: float, sectors: int) -> tu
     number, over, low, high = np.zeros(2), np.zeros(2), math.inf, -math.inf
     total, clipped = 0, 0
     for i in range(len(band)):
-        if not ends[0] <= band[i, OFFSET] <= ends[1]:
+        group = group_of(band[i, SECTOR], count)
+        if not ends[0, group] <= band[i, OFFSET] <= ends[1, group]:
             continue
         level, side = band[i, LEVEL], int(band[i, OFFSET] > 0.0)
         total += 1
@@ -178,7 +195,8 @@ def clipping(band: Array, ends: Array, full_scale_dn: float, sectors: int) -> tu
         return math.inf, False, False, 0.0
     shades, margin = 0, 0.05 * (high - low)
     for i in range(len(band)):
-        if ends[0] <= band[i, OFFSET] <= ends[1]:
+        group = group_of(band[i, SECTOR], count)
+        if ends[0, group] <= band[i, OFFSET] <= ends[1, group]:
             shades += low + margin < band[i, LEVEL] < high - margin
     if shades <= _SHADES * sectors:
         return math.inf, False, False, 0.0
@@ -187,31 +205,35 @@ def clipping(band: Array, ends: Array, full_scale_dn: float, sectors: int) -> tu
 
 
 @compiled
-def plateau_pixels(band: Array, first: float, last: float) -> Array:
-    """x, y and level (n, 3) of the pixels of a band whose distance is within these limits."""
-    out, n = np.empty((len(band), 3)), 0
+def plateau_pixels(band: Array, first: float, last: float, ends: Array, count: int) -> Array:
+    """Rows (n, 5) of the pixels of a band whose distance is within these limits, and within those of its direction."""
+    out, n = np.empty((len(band), BAND)), 0
     for i in range(len(band)):
-        if first <= band[i, OFFSET] <= last:
-            out[n, 0], out[n, 1], out[n, 2] = band[i, BAND_X], band[i, BAND_Y], band[i, LEVEL]
+        group = group_of(band[i, SECTOR], count)
+        if max(first, ends[0, group]) <= band[i, OFFSET] <= min(last, ends[1, group]):
+            for j in range(BAND):
+                out[n, j] = band[i, j]
             n += 1
     return out[:n]
 
 
 @compiled
 def edge_pixels(
-    band: Array, edge: Array, first: float, last: float, sectors: int
+    band: Array, edge: Array, first: float, last: float, ends: Array, sectors: int
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """The edge's pixels between two distances, sorted by sector, the starts of the sectors, and the jacobian (N, 5)."""
-    starts = np.zeros(sectors + 1, np.int64)
+    starts, inside = np.zeros(sectors + 1, np.int64), np.empty(len(band), np.bool_)
     for i in range(len(band)):
-        if first <= band[i, OFFSET] <= last:
+        group = group_of(band[i, SECTOR], sectors)
+        inside[i] = max(first, ends[0, group]) <= band[i, OFFSET] <= min(last, ends[1, group])
+        if inside[i]:
             starts[int(band[i, SECTOR]) + 1] += 1
     for s in range(sectors):
         starts[s + 1] += starts[s]
     following = starts[:sectors].copy()
     table, jacobian = np.empty((starts[sectors], COLUMNS)), np.empty((starts[sectors], 5))
     for i in range(len(band)):
-        if first <= band[i, OFFSET] <= last:
+        if inside[i]:
             n = following[int(band[i, SECTOR])]
             following[int(band[i, SECTOR])] += 1
             for j in range(COLUMNS):
@@ -222,29 +244,23 @@ def edge_pixels(
 
 @compiled
 def level_functions(x: float, y: float, k: int, out: Array) -> None:
-    """Write level functions (k,) at a place relative to the centre: 1; x, y; squares; harmonics of the direction."""
+    """Write level functions (k,) at a place relative to the centre: 1; x, y; squares."""
     out[0] = 1.0
     if k > 1:
         out[1], out[2] = x, y
     if k > 3:
         out[3], out[4], out[5] = x * x - y * y, 2.0 * x * y, x * x + y * y - 1.0
-    if k > 6:
-        length = 1.0 / max(math.sqrt(x * x + y * y), 0.25)
-        u, v = x * length, y * length
-        re, im = u * u - v * v, 2.0 * u * v
-        for j in range(4):
-            re, im = re * u - im * v, re * v + im * u
-            out[6 + 2 * j], out[7 + 2 * j] = re, im
 
 
 @compiled
-def side_functions(side: Array, centre: Array, size_px: float, k: int) -> tuple[Array, Array]:
-    """Level functions (n, k) and levels (n,) of the pixels of a plateau."""
+def side_functions(side: Array, centre: Array, size_px: float, k: int) -> tuple[Array, Array, NDArray[np.int64], Array]:
+    """Level functions (n, k), levels (n,), sectors (n,) and distances (n,) of the pixels of a plateau."""
     basis, value = np.empty((len(side), k)), np.empty(len(side))
+    sector, distance = np.empty(len(side), np.int64), np.empty(len(side))
     for i in range(len(side)):
-        level_functions((side[i, 0] - centre[0]) / size_px, (side[i, 1] - centre[1]) / size_px, k, basis[i])
-        value[i] = side[i, 2]
-    return basis, value
+        level_functions((side[i, BAND_X] - centre[0]) / size_px, (side[i, BAND_Y] - centre[1]) / size_px, k, basis[i])
+        value[i], sector[i], distance[i] = side[i, LEVEL], int(side[i, SECTOR]), side[i, OFFSET]
+    return basis, value, sector, distance
 
 
 @compiled

@@ -57,6 +57,7 @@ def pixel_equations(
     place: Array,
     basis: Array,
     basis_slope: Array,
+    light: Array,
     clip_dn: float,
     rows: Array,
     used: NDArray[np.int64],
@@ -81,6 +82,9 @@ def pixel_equations(
         Foot points relative to the centre, in semi-major axes.
     basis, basis_slope : (N, K) arrays
         Level functions at the pixels, and their change along the normal, 1/px.
+    light : (N, 5) array
+        Departures of both levels from these functions, dn, their changes along the normal, dn/px, and the share of
+        the pixel's information that their error leaves; empty if there are none.
     clip_dn : float
         The level at which pixels clip.
     rows : (3,) array
@@ -115,7 +119,7 @@ def pixel_equations(
     round_blur, of_lens = wide > DISC_VARIANCE, min(variance / wide, 1.0)
     if round_blur and abs(wide - discs[STEPS, 0]) > _SAME_DISC * wide:
         discs[STEPS, 0], discs[STEPS, 1] = wide, disc_table(wide, discs)
-    moving = False
+    moving, lit = False, len(light) > 0
     for j in range(m):
         moving = moving or used[j] >= RATES
     for i in range(len(table)):
@@ -176,6 +180,8 @@ def pixel_equations(
         low, high = 0.0, 0.0
         for j in range(k):
             low, high = low + basis[i, j] * levels[0, j], high + basis[i, j] * levels[1, j]
+        if lit:
+            low, high = low + light[i, 0], high + light[i, 1]
         height = high - low
         slope_dn = height * slope
         if moving:
@@ -203,9 +209,13 @@ def pixel_equations(
             outer = basis[i, j] * t + basis_slope[i, j] * moment
             design[m + j, at], design[m + k + j, at] = basis[i, j] - outer, outer
             predicted += (basis[i, j] - outer) * levels[0, j] + outer * levels[1, j]
+        if lit:
+            predicted += light[i, 0] + (light[i, 1] - light[i, 0]) * t + (light[i, 3] - light[i, 2]) * moment
         share = min(max(t, 0.0), 1.0)
         residual = pixel[VALUE] - predicted
         weight = 1.0 / (noise[0] + (noise[1] - noise[0]) * share)
+        if lit:
+            weight *= light[i, 4]
         record[i, CLIPPED] = 0.0
         if pixel[VALUE] >= clip_dn:
             record[i, CLIPPED] = 1.0

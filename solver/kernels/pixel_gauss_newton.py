@@ -272,6 +272,7 @@ def gauss_newton(
     place: Array,
     basis: Array,
     basis_slope: Array,
+    light: Array,
     clip_dn: float,
     rows: Array,
     used: NDArray[np.int64],
@@ -311,8 +312,8 @@ def gauss_newton(
     while progress[0] < MAX_STEPS:
         progress[0] += 1
         pixel_equations(
-            table, jacobian, place, basis, basis_slope, clip_dn, rows, used, parameters, levels, noise, progress[2],
-            discs, normal, gradient, record,
+            table, jacobian, place, basis, basis_slope, light, clip_dn, rows, used, parameters, levels, noise,
+            progress[2], discs, normal, gradient, record,
         )  # fmt: skip
         progress[2] = robust_scale_of(record)
         add_priors(used, parameters, levels, priors, rates_information, normal, gradient)
@@ -368,15 +369,16 @@ def gauss_newton(
             return DIVERGED, parameters, levels, inverse
         # A change of the levels, as the shift of the edge that would change its pixels as much.
         height = max(abs(levels[1, 0] - levels[0, 0]), 1e-12)
-        lifts = np.zeros(2)
-        for j in range(k):
-            lifts[0], lifts[1] = lifts[0] + abs(step[m + j]), lifts[1] + abs(step[m + k + j])
-        lifted_px = max(lifts[0], lifts[1]) / height * 2.5 * flank_px
+        lifted_px = max(abs(step[m]), abs(step[m + k])) / height * 2.5 * flank_px
+        tilt = 0.0
+        for j in range(m, size):
+            tilt = max(tilt, abs(step[j]))
+        tilted_px = tilt / height * 2.5 * flank_px
         largest = max(moved_px, blurred_px, lifted_px)
         # The step in units of its own standard deviation, where the noise is what the residuals show.
         decrement /= progress[2] * progress[2]
         close = largest < _CLOSE_PX or (decrement < _CLOSE and largest < _NEAR_PX)
-        if close and progress[1] == 0.0:
+        if close and progress[1] == 0.0 and tilted_px < _NEAR_PX:
             noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
             progress[1] = 1.0
         elif progress[1] > 0.0 and (largest < _SETTLED_PX or (decrement < _SETTLED and close)):

@@ -48,6 +48,15 @@ def test_a_loud_sector_goes():
     assert found(offset, square, pixels)[70]
 
 
+def test_a_blur_that_the_model_does_not_describe_is_no_deviation():
+    # A camera that moves during the exposure makes both ends of a diameter equally loud, an occluder only one.
+    offset, square, pixels = noise(2, 12)
+    square[20:40] *= 4.0
+    assert np.count_nonzero(found(offset, square, pixels)) >= 12
+    square[95:115] *= 4.0
+    assert not np.any(found(offset, square, pixels))
+
+
 def test_most_of_a_contour_stays():
     offset, square, pixels = noise(3)
     offset[:100] += np.where(np.arange(100) % 2, 300.0, -300.0)
