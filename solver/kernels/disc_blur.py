@@ -65,8 +65,18 @@ def disc_table(variance: float, table: Array) -> float:
 
 
 @compiled
+def disc_scale(variance: float, own: float) -> tuple[float, float]:
+    """How a table for a variance serves for another one: factor of the distances, and of the change.
+
+    A wider blur scales the distances. The change by a disc falls with the fourth power of its share of the sigma.
+    """
+    total, whole = variance + PIXEL_VARIANCE, own + PIXEL_VARIANCE
+    return math.sqrt(total / whole), min(own / whole * (total / variance), 1.0) ** 2
+
+
+@compiled
 def disc_minus_gauss(
-    z: float, curvature: float, variance: float, own: float, table: Array, end: float
+    z: float, curvature: float, own: float, narrower: float, part: float, table: Array, end: float
 ) -> tuple[float, float, float, float]:
     """Change of a pixel's response from a Gaussian blur to a disc.
 
@@ -74,10 +84,10 @@ def disc_minus_gauss(
     ----------
     z, curvature : float
         Distance from the edge, px, and curvature, 1/px.
-    variance : float
-        That of the table, px^2.
     own : float
-        Variance across the edge at this pixel: the table is scaled to it.
+        Variance across the edge at this pixel, px^2.
+    narrower, part : float
+        See `disc_scale`.
     table, end
         See `disc_table`.
 
@@ -86,15 +96,13 @@ def disc_minus_gauss(
     change, slope, widening, moment : float
         Of the response; its derivatives by the distance and by the variance; M of the disc minus that of the Gaussian.
     """
-    # A wider blur scales the distances. The change by a disc falls with the fourth power of its share of the sigma.
-    total, whole = variance + PIXEL_VARIANCE, own + PIXEL_VARIANCE
-    narrower = math.sqrt(total / whole)
-    part = min(own / whole * (total / variance), 1.0) ** 2
     at = min(max((z * narrower + end) * ((STEPS - 1) / (2.0 * end)), 0.0), STEPS - 1.001)
     left = int(at)
     f = at - left
     a, b = table[left], table[left + 1]
-    change = part * (a[0] + (b[0] - a[0]) * f + curvature / narrower * (a[3] + (b[3] - a[3]) * f))
+    bent = curvature / narrower
+    change = part * (a[0] + (b[0] - a[0]) * f + bent * (a[3] + (b[3] - a[3]) * f))
     slope = part * (narrower * (a[1] + (b[1] - a[1]) * f) + curvature * (a[4] + (b[4] - a[4]) * f))
     # By the same scaling; the change of the pixel's share is neglected, of order 1/12 over the variance.
-    return change, slope, -z * slope / (2.0 * whole), part * (a[2] + (b[2] - a[2]) * f) / narrower
+    widening = -z * slope / (2.0 * (own + PIXEL_VARIANCE))
+    return change, slope, widening, part * (a[2] + (b[2] - a[2]) * f) / narrower

@@ -25,7 +25,7 @@ from roundel.solver.kernels.contour_pixels import (
     X,
     Y,
 )
-from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_table
+from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_scale, disc_table
 from roundel.solver.kernels.edge_response import curved_distance, step_response
 from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
 from roundel.solver.kernels.sector_offsets import MIN_VARIANCE
@@ -122,6 +122,8 @@ def pixel_equations(
     moving, lit = False, len(light) > 0
     for j in range(m):
         moving = moving or used[j] >= RATES
+    last, narrower, part, end = -1.0, 1.0, 1.0, discs[STEPS, 1]
+    outlying = 1.0 / max(_OUTLIER * robust_scale, 1e-300) ** 2
     for i in range(len(table)):
         at = i % _BLOCK
         pixel = table[i]
@@ -165,8 +167,11 @@ def pixel_equations(
             by_turn = (turned[0] - t) / _TURN
         widening, change, moment = bend / 2.0, 0.0, (own + PIXEL_VARIANCE) * slope
         if round_blur:
+            if own != last:  # of most contours all pixels have the same
+                last = own
+                narrower, part = disc_scale(discs[STEPS, 0], own)
             change, by_distance, by_variance, by_slope = disc_minus_gauss(
-                z, of_lens * bent, discs[STEPS, 0], own, discs, discs[STEPS, 1]
+                z, of_lens * bent, own, narrower, part, discs, end
             )
             t += disc * change
             slope += disc * by_distance
@@ -230,7 +235,7 @@ def pixel_equations(
             if bending < 1e-6:
                 residual, weight = 0.0, 0.0
         elif robust_scale > 0.0:
-            ratio = residual * residual * weight / (_OUTLIER * robust_scale) ** 2
+            ratio = residual * residual * weight * outlying
             weight *= (1.0 - ratio) ** 2 if ratio < 1.0 else 0.0
         record[i, RESIDUAL], record[i, SLOPE], record[i, SHARE], record[i, WEIGHT] = residual, slope_dn, share, weight
         weights[at], design[size, at] = weight, residual

@@ -214,7 +214,7 @@ def test_disc_of_confusion():
     gauss = ndtr(z / np.sqrt(total))
     table, variance = np.empty((STEPS, 5)), radius**2 / 4
     end = disc_table(variance, table)
-    disc = gauss + [disc_minus_gauss(at, 1 / rho, variance, variance, table, end)[0] for at in z]
+    disc = gauss + [disc_minus_gauss(at, 1 / rho, variance, 1.0, 1.0, table, end)[0] for at in z]
     # 400,000 points: 0.0008; the Gaussian is wrong by 0.02.
     assert np.abs(disc - measured).max() < 0.003
     assert np.abs(gauss - measured).max() > 0.01
