@@ -17,10 +17,10 @@ from pathlib import Path
 NOTICE = "roundel: compiling the solver's inner loops, once after an installation (about 15 s)"
 
 _OWN = "roundel.solver.detect."  # its kernels are compiled by this process
-_SHARES = ("contours", "fits")
+_SHARES = ("fits", "contours", "levels")  # the longest first
 _PROGRAM = (
     "import sys; sys.path[:] = {path!r}; "
-    "from roundel.solver.methods.compilation_shares import compile_share; compile_share({share!r})"
+    "from roundel.solver.methods.compilation_shares import compile_shares; compile_shares({shares!r})"
 )
 _POLL_S = 0.05
 _LONGEST_S = 120.0  # a share takes 10 s on a quiet machine
@@ -50,7 +50,9 @@ def start_compilation(much: bool) -> None:
         logging.getLogger("roundel").info(NOTICE)
     if much and (os.cpu_count() or 1) > 1 and _is_python():
         _state.until_s = time.monotonic() + _LONGEST_S
-        _state.others = [other for name in _SHARES if (other := _started(name))]
+        # Two of them use two cores well: this process waits for them in the end.
+        number = min(max((os.cpu_count() or 1) - 1, 2), len(_SHARES))
+        _state.others = [other for i in range(number) if (other := _started(_SHARES[i::number]))]
 
 
 def compile_alone() -> None:
@@ -73,8 +75,8 @@ def _is_python() -> bool:
     return not getattr(sys, "frozen", False) and Path(sys.executable or "").name.lower().startswith("python")
 
 
-def _started(share: str) -> subprocess.Popen[bytes] | None:
-    program = _PROGRAM.format(path=sys.path, share=share)
+def _started(shares: tuple[str, ...]) -> subprocess.Popen[bytes] | None:
+    program = _PROGRAM.format(path=sys.path, shares=shares)
     silent = subprocess.DEVNULL
     hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # Windows would open a console
     try:

@@ -66,7 +66,7 @@ def test_waits_only_for_kernels_of_others_and_only_while_they_run(monkeypatch, s
     monkeypatch.setattr(first_compilation, "_PROGRAM", "import sys; sys.stdin.read(); import time; time.sleep(60)")
     start_compilation(much=True)
     try:
-        assert len(state.others) == 2
+        assert len(state.others) >= 2
         assert compiled_elsewhere("roundel.solver.kernels.trace_contour")
         assert not compiled_elsewhere("roundel.solver.detect.candidates")
     finally:
@@ -79,5 +79,5 @@ def test_waits_only_for_kernels_of_others_and_only_while_they_run(monkeypatch, s
 def test_a_failing_process_is_no_failure(monkeypatch, state):
     monkeypatch.setattr(first_compilation, "_PROGRAM", "import roundel_that_is_not_installed")
     start_compilation(much=True)
-    assert [other.wait(60) for other in state.others] == [1, 1]
+    assert {other.wait(60) for other in state.others} == {1}
     assert not compiled_elsewhere("roundel.solver.kernels.trace_contour")

@@ -15,6 +15,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import roundel
+from roundel.solver.compilation import first_compilation
 from roundel.solver.methods.compilation_shares import drawn_disc
 
 # Prints the kernels that Numba compiles on request of Python, not in the middle of another one.
@@ -133,9 +134,8 @@ def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # compiles everything
 def test_the_shares_of_other_processes_leave_only_detection(tmp_path: Path) -> None:
-    share = "from roundel.solver.methods.compilation_shares import compile_share; compile_share({!r})"
-    for name in ("contours", "fits"):
-        run(share.format(name), cache=tmp_path)
+    for name in first_compilation._SHARES:
+        run(first_compilation._PROGRAM.format(path=sys.path, shares=(name,)), cache=tmp_path)
     alone = "from roundel.solver.compilation.first_compilation import compile_alone; compile_alone()\n"
     left = json.loads(run(LISTENER + alone + LOCATE, cache=tmp_path))
     assert left
