@@ -155,9 +155,9 @@ def _with_light(
         known = whole is fit.scene and len(state.record)
         record = state.record if known else record_of(state, whole, fit.rows, fit.discs)
         light = local_light(state, whole, record, trusted, growing)
-        if light is not None and state.levels.shape[1] > SIZES[1] and light.part > _MOSTLY:
+        if light is not None and state.levels.shape[1] > SIZES[0] and light.part > _MOSTLY:
             # Squares that follow a shadow bend too much for planes on top of them.
-            state = replace(state, levels=state.levels[:, : SIZES[1]].copy())
+            state = replace(state, levels=state.levels[:, : SIZES[0]].copy())
             light = local_light(state, whole, record_of(state, whole, fit.rows, fit.discs), trusted, growing)
         if light is None:
             continue
@@ -217,7 +217,7 @@ def _first_state(fit: _Fit) -> FitState:
     parameters = np.zeros(PARAMETERS)
     parameters[VARIANCE] = max(fit.edges.blur_px, 0.1) ** 2
     noise = np.maximum(np.full(2, fit.edges.noise_dn**2), fit.floor)
-    levels = np.zeros((2, min(SIZES[1], scene.basis.shape[1])))
+    levels = np.zeros((2, min(SIZES[0], scene.basis.shape[1])))
     levels[:, 0] = fit.constants
     none = np.empty((0, RECORD))
     return FitState(
@@ -244,12 +244,11 @@ def _chosen(fit: _Fit, state: FitState) -> FitState:
     wide = state.parameters[VARIANCE] > (_WIDE_BLUR * float(fit.edges.ellipse[3])) ** 2
     more, extras = _BEYOND_STILL if fit.base is _STILL else _BEYOND_MOVING
     extras = extras[:-1] if wide else extras
-    most = min(SIZES[1] if wide else SIZES[-1], fit.scene.basis.shape[1])
-    # A clipped side does not show whether its light is even; the shades between do.
-    sizes = np.array([s for s in SIZES if s <= most and not (s == 1 and any(fit.scene.clipped))])
+    most = min(SIZES[0] if wide else SIZES[-1], fit.scene.basis.shape[1])
+    sizes = np.array([s for s in SIZES if s <= most])
     normal, gradient = _equations(fit, state, np.array([*state.used, *more]), int(sizes[-1]))
-    plain, scale = int(np.count_nonzero(sizes <= SIZES[2])), robust_scale_of(state.record)
-    which, size = model_choice(normal, gradient, len(state.used), extras, sizes, plain, len(state.table), scale)
+    scale = robust_scale_of(state.record)
+    which, size = model_choice(normal, gradient, len(state.used), extras, sizes, len(state.table), scale)
     added = more[extras[which] == 1]
     levels = np.zeros((2, size))
     kept = min(size, state.levels.shape[1])

@@ -32,7 +32,7 @@ from roundel.solver.kernels.contour_scene import plateau_sums
 
 Array = NDArray[np.float64]
 
-SIZES = (1, 3, 6)  # level functions per side of each order
+SIZES = (3, 6)  # level functions per side: a gradient, and what is of second order
 _WIDER_PX = 6  # plateaus extend this much farther than in `edge_points`, as long as they are flat
 _WIDER_BLURS = 2.5  # and this many sigmas of the blur
 _CLIPPED_PX = 3.0  # of a clipped plateau this much counts, as part of the edge
@@ -209,8 +209,8 @@ def lit_scene(
 def _most_functions(pixels: int, clipped: tuple[bool, bool]) -> int:
     """The largest number of level functions that this number of pixels can determine."""
     if any(clipped):  # what a clipped level does beside the edge is unknown
-        return SIZES[1]
-    return SIZES[2] if pixels > 40 * SIZES[2] else SIZES[1]
+        return SIZES[0]
+    return SIZES[1] if pixels > 40 * SIZES[1] else SIZES[0]
 
 
 def _start(edges: EdgePoints, lens: Camera | None) -> Array | FailedFit:

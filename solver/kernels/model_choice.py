@@ -16,12 +16,8 @@ _RIDGE = 1e-10  # fraction of a diagonal: a function that the pixels do not tell
 
 @compiled
 def _cost(size: int, count: int) -> float:
-    """What the level functions of both sides have to explain.
-
-    A gradient of light that is too weak for Schwarz's criterion still shifts the ellipse, and costs little: Akaike's
-    is enough for it.
-    """
-    return 2.0 * 2.0 * min(size, 3) + 2.0 * math.log(count) * max(size - 3, 0)
+    """What the level functions of both sides have to explain, by Schwarz's criterion."""
+    return 2.0 * math.log(count) * size
 
 
 @compiled
@@ -51,11 +47,11 @@ def _factorise(normal: Array, use: NDArray[np.int64], factor: Array) -> None:
 
 
 @compiled
-def _highest(scores: Array, columns: int) -> tuple[int, int]:
-    """Row and column of the highest of the first columns; the first one of equal ones."""
+def _highest(scores: Array) -> tuple[int, int]:
+    """Row and column of the highest score; the first one of equal ones."""
     row, column = 0, 0
-    for i in range(len(scores)):
-        for j in range(columns):
+    for i in range(scores.shape[0]):
+        for j in range(scores.shape[1]):
             if scores[i, j] > scores[row, column]:
                 row, column = i, j
     return row, column
@@ -68,7 +64,6 @@ def model_choice(
     base: int,
     extras: NDArray[np.int64],
     sizes: NDArray[np.int64],
-    plain: int,
     count: int,
     scale: float,
 ) -> tuple[int, int]:
@@ -85,8 +80,6 @@ def model_choice(
         The extra parameters of each set.
     sizes : (n,) array
         Numbers of level functions to choose from, ascending, K the largest.
-    plain : int
-        How many of the sizes are tried first; the larger ones only if the last of these is the best.
     count : int
         Number of pixels.
     scale : float
@@ -128,7 +121,5 @@ def model_choice(
             done = end
             costs = _cost_of_extra(added) + _cost(sizes[which], count)
             scores[chosen, which] = explained / (scale * scale) - costs
-    best_set, best = _highest(scores, plain)
-    if best == plain - 1 and plain < len(sizes):
-        best_set, best = _highest(scores, len(sizes))
+    best_set, best = _highest(scores)
     return best_set, sizes[best]
