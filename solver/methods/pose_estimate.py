@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from roundel.scenes.geometry.conic import Ellipse
 from roundel.solver.ambiguity.disambiguation import Knowledge, choose
 from roundel.solver.ambiguity.observation import Observation
+from roundel.solver.detect.confidence import confidence_of_fit
 from roundel.solver.detect.detect import Detection
 from roundel.solver.estimates import Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
@@ -56,6 +57,8 @@ def estimate_of(
         return Estimate(*key, status="failed", reason=fit.reason, camera=uncertain.camera, **about)
     if isinstance(fit, PixelFit):
         about |= {"contrast_dn": fit.contrast_dn, "blur_px": fit.blur_px}
+        if detection is not None:
+            about["confidence"] = confidence_of_fit(detection.confidence, fit.misfit)
     ellipse = Ellipse.from_array(fit.ellipse)
     if isinstance(posed, FailedFit):
         return Estimate(*key, status="failed", reason=posed.reason, ellipse=ellipse, camera=uncertain.camera, **about)

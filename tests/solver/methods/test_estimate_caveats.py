@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from roundel.scenes.camera.response_curve import SRGB
 from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.scenes.errors import UsageError
+from roundel.solver.detect.confidence import confidence_of_fit
 from roundel.solver.methods.locate import locate
 
 ELLIPSE = np.array([150.3, 110.2, 30.0, 22.0, 20.0])
@@ -105,3 +106,22 @@ def test_rows_have_the_columns():
     assert rows[0]["clipped_fraction"] > 0
     assert "; " in rows[0]["caveats"]
     assert rows[0]["curve"].startswith("unknown")
+
+
+def test_misfit_lowers_the_confidence_and_widens_the_covariance():
+    good = only(levels(LIGHT), curve="linear")
+    y, x = np.mgrid[:240, :320]
+    # A pattern that is no noise of a pixel: it is stronger along the edge, as that of interpolated colours.
+    near = np.exp(-((np.hypot((x - 150.3), (y - 110.2)) / 26.0 - 1.0) ** 2) / 0.1)
+    worse = only(levels(LIGHT + 12.0 * near * np.where((x // 2 + y // 2) % 2, 1.0, -1.0)), curve="linear")
+    assert worse.misfit > 1.5 > good.misfit
+    assert worse.confidence < good.confidence
+    assert worse.edge_sigma_px > 1.2 * good.edge_sigma_px  # the focal length dominates the covariance of the pose
+
+
+def test_confidence_falls_with_misfit():
+    values = [confidence_of_fit(0.9, misfit) for misfit in (0.3, 1.0, 1.1, 2.0, 10.0, 1e3, 1e9)]
+    assert values[:2] == [0.9, 0.9]
+    assert values[2] > 0.899
+    assert all(a > b > 0.0 for a, b in zip(values[1:], values[2:], strict=False))
+    assert confidence_of_fit(0.9, float("nan")) == 0.9
