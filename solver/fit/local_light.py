@@ -43,7 +43,8 @@ _WINDOW, _NARROW = 5, 2  # neighbours on either side
 # Chi-square that planes have to explain, elsewhere and beside gaps and other planes; chance explains 6.
 _GAIN, _LESS = 20.0, 6.0
 _OUTLIER = 5.0  # sigmas
-_QUICK = 12.0  # chi-square of a mean of a plateau that calls for a closer look; chance has this in 1 of 2000
+_QUICK = 12.0  # chi-square of a mean of a plateau that calls for a closer look; chance has it in 1 of 2000
+_FAINT = 0.02  # fraction of the contrast: fainter shades displace an edge by a fiftieth of its blur
 _NEAR_PX = 3.0  # of a plateau
 _BEND = 2.0  # variance of the planes, in those of the noise: light is no plane
 _GROWTH = 6  # sectors at the end of a gap that may be regained
@@ -88,7 +89,7 @@ def _local_planes(
     levels: Array,
     inner_sector: NDArray[np.int64], inner: Array, inner_basis: Array, inner_value: Array,
     outer_sector: NDArray[np.int64], outer: Array, outer_basis: Array, outer_value: Array,
-    trusted: NDArray[np.bool_], grow: int, planes: Array, shares: Array,
+    trusted: NDArray[np.bool_], suspect: NDArray[np.bool_], grow: int, planes: Array, shares: Array,
 ) -> bool:  # fmt: skip
     """Write planes, shares and newly trusted sectors; False if there are neither planes nor new sectors."""
     count = len(trusted)
@@ -113,7 +114,7 @@ def _local_planes(
             near_px,
         )  # fmt: skip
         for s in range(count):
-            if trusted[s]:
+            if trusted[s] and suspect[s]:
                 plane_of(s, _WINDOW, trusted, contrast_dn, gram, moment, normal, gradient, inverse, planes[s])
     # The noise of the fit includes what its levels do not follow.
     noisy, n, filled = np.empty(count), 0, np.empty(count)
@@ -154,7 +155,7 @@ def _local_planes(
     for _ in range(2):  # the second time without the sectors in which the light changes too fast
         near = np.zeros(count, np.bool_)
         for s in range(count):
-            if trusted[s]:
+            if trusted[s] and suspect[s]:
                 gains[s], used = plane_of(
                     s, _WINDOW, trusted, contrast_dn, flat_gram, flat_moment, normal, gradient, inverse, plane
                 )
@@ -163,7 +164,7 @@ def _local_planes(
                     near[(s + k) % count] = True
         for s in range(count):
             steep[s] = False
-            if not trusted[s]:
+            if not (trusted[s] and suspect[s]):
                 continue
             if gains[s] < (_LESS if near[s] else _GAIN) * scale:
                 _set(planes[s], 0.0, plane)
@@ -200,12 +201,15 @@ def _local_planes(
 
 
 @compiled
-def _is_uneven(
-    levels: Array, noise: Array, count: int,
+def _uneven_sectors(
+    levels: Array, noise: Array, trusted: NDArray[np.bool_],
     inner_sector: NDArray[np.int64], inner_basis: Array, inner_value: Array,
     outer_sector: NDArray[np.int64], outer_basis: Array, outer_value: Array,
-) -> bool:  # fmt: skip
-    """Whether the mean residual of a plateau along some part of the contour is more than chance: a quick test."""
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Sectors near which the mean residual of a plateau is more than chance, and more than a part of the contrast."""
+    count = len(trusted)
+    contrast_dn = levels[1, 0] - levels[0, 0]
+    out = np.zeros(count, np.bool_)
     for side in range(2):
         at = inner_sector if side == 0 else outer_sector
         basis, value = (inner_basis, inner_value) if side == 0 else (outer_basis, outer_value)
@@ -214,16 +218,17 @@ def _is_uneven(
             residual = value[i]
             for j in range(levels.shape[1]):
                 residual -= basis[i, j] * levels[side, j]
-            if residual * residual < _OUTLIER**2 * _QUICK * noise[side]:
+            if trusted[at[i]] and residual * residual < max(_QUICK * noise[side], contrast_dn * contrast_dn):
                 total[at[i]] += residual
                 number[at[i]] += 1.0
         for s in range(count):
             residual, pixels = 0.0, 0.0
             for k in range(-_NARROW, _NARROW + 1):
                 residual, pixels = residual + total[(s + k) % count], pixels + number[(s + k) % count]
-            if residual * residual > _QUICK * pixels * noise[side]:
-                return True
-    return False
+            if residual * residual > pixels * (_QUICK * noise[side] + pixels * (_FAINT * contrast_dn) ** 2):
+                for k in range(-_WINDOW, _WINDOW + 1):
+                    out[(s + k) % count] = True
+    return out
 
 
 def local_light(
@@ -244,16 +249,20 @@ def local_light(
     """
     count = len(trusted)
     inner, outer = scene.plateaus
-    if not grow and not _is_uneven(
-        state.levels, state.noise, count, inner.sector, inner.basis, inner.value, outer.sector, outer.basis, outer.value
-    ):
+    suspect = _uneven_sectors(
+        state.levels, state.noise, trusted, inner.sector, inner.basis, inner.value, outer.sector, outer.basis,
+        outer.value,
+    )  # fmt: skip
+    if grow:
+        suspect |= near_gaps(~trusted)
+    if not suspect.any():
         return None
     planes, shares, after = np.zeros((count, PLANES)), np.empty(count), trusted.copy()
     found = _local_planes(
         scene.sectors, scene.table, scene.basis, scene.basis_slope, record, state.noise, state.levels,
         inner.sector, inner.distance, inner.basis, inner.value,
         outer.sector, outer.distance, outer.basis, outer.value,
-        after, _GROWTH if grow else 0, planes, shares,
+        after, suspect, _GROWTH if grow else 0, planes, shares,
     )  # fmt: skip
     return LocalLight(planes, shares, after) if found else None
 

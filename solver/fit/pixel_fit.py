@@ -56,6 +56,7 @@ _WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 _ROUNDS = 3  # of leaving out sectors
 _MOSTLY = 0.3  # of a contour
+_MOVES = 6  # of the ellipse by more than 0.04 px; a fit that settles needs two or three
 _FLOOR_DN2 = 1e-4  # no sensor is free of noise: a thousandth of the rounding's variance 1/12
 
 _FAILURES = {
@@ -132,8 +133,11 @@ def fit_pixels(
         if isinstance(settled, FailedFit):
             # Smooth levels may be so wrong that nothing settles; the light beside the contour as found may not be.
             state, fit, trusted = _with_light(state, fit, whole, trusted, False)
-            if not len(state.inverse):
-                return settled
+        if not len(state.inverse):
+            plain = _fitted(fit, state)
+            if isinstance(plain, FailedFit):
+                return plain
+            state = plain
         state, fit, trusted = _with_light(state, fit, whole, trusted, rounds == 1)
         sectors = sectors_of(state, fit.scene)
         width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
@@ -203,7 +207,7 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
     chosen = _chosen(fit, first)
     state = _fitted(fit, chosen)
     if isinstance(state, FailedFit):
-        return _fitted(fit, replace(first, used=fit.base))
+        return state
     if len(state.used) == len(fit.base) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
         chosen = _chosen(fit, state)
         if len(chosen.used) > len(fit.base):
@@ -287,7 +291,7 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
     parameters, noise = state.parameters, state.noise.copy()
     ellipse, table, jacobian = state.ellipse, state.table, state.jacobian
     record, progress = np.empty((len(table), RECORD)), np.zeros(3)
-    while True:
+    for _ in range(_MOVES):
         status, parameters, levels, inverse = gauss_newton(
             table, jacobian, scene.place, scene.basis, scene.basis_slope, scene.light, scene.clip_dn,
             state.rows,
@@ -309,3 +313,4 @@ def _fitted(fit: _Fit, state: FitState) -> FitState | FailedFit:
             return placed
         jacobian, parameters = placed, parameters.copy()
         parameters[:5] = 0.0
+    return FailedFit(_FAILURES[UNSETTLED])
