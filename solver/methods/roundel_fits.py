@@ -49,7 +49,9 @@ DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
 OUTSIDE_FIELD = "the contour is outside the field of the camera's lens model"
 _CLIPPED = 254.5 / 255.0
-_SHIFT_SIGMA = 0.5  # of the displacement by JPEG, which depends on levels and blur that are only known roughly
+# Standard deviation of the displacement by JPEG, which depends on levels and blur that are only known roughly: a part of
+# it, and more where the table is so coarse that it is large (at a quality of 20 it is 0.10 px instead of 0.055 px).
+_SHIFT_SIGMA, _MORE_PER_PX = 0.5, 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +145,8 @@ def fit_detection(
         clipped = max(sides) >= _CLIPPED * seen.full_scale_dn
         return displaced(fit, -half, (3.0 if clipped else 1.0) * abs(half))
     shift = photometry.displacement_px(*sides, blur_px)
-    return displaced(fit, -shift, _SHIFT_SIGMA * abs(shift)) if shift else fit
+    sigma_px = _SHIFT_SIGMA * abs(shift) * (1.0 + _MORE_PER_PX * abs(shift))
+    return displaced(fit, -shift, sigma_px) if shift else fit
 
 
 def _fit_of(

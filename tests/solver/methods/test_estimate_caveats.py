@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from helpers_images import picture
@@ -123,5 +125,5 @@ def test_confidence_falls_with_misfit():
     values = [confidence_of_fit(0.9, misfit) for misfit in (0.3, 1.0, 1.1, 2.0, 10.0, 1e3, 1e9)]
     assert values[:2] == [0.9, 0.9]
     assert values[2] > 0.899
-    assert all(a > b > 0.0 for a, b in zip(values[1:], values[2:], strict=False))
+    assert all(a > b > 0.0 for a, b in pairwise(values[1:]))
     assert confidence_of_fit(0.9, float("nan")) == 0.9

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from PIL import Image
 
 from roundel.scenes.camera.response_curve import LINEAR, SRGB
 from roundel.solver.photometry.jpeg_rounding import jpeg_edge, luminance_table, read_luminance_table
+from roundel.solver.photometry.photometry import Photometry
 
 
 def encoded(image: np.ndarray, quality: int) -> Image.Image:
@@ -78,3 +80,16 @@ def test_tables_of_files(tmp_path):
     assert read_luminance_table(tmp_path / "a.png") is None
     assert read_luminance_table(tmp_path / "bad.jpg") is None
     assert read_luminance_table(tmp_path / "none.jpg") is None
+
+
+def test_lost_colours_displace_an_edge_as_well():
+    table = tuple(8 for _ in range(64))
+    grey = Photometry(SRGB, jpeg=table)
+    colour = replace(grey, averaged=1 / 3)
+    for inside, outside, sign in ((15.0, 200.0, 1.0), (200.0, 15.0, -1.0)):
+        plain, both = (p.displacement_px(inside, outside, 0.4) for p in (grey, colour))
+        assert sign * plain > 0.003
+        assert 0.005 < sign * (both - plain) <= 0.017
+    assert Photometry(LINEAR, averaged=1 / 3, jpeg=table).displacement_px(15.0, 200.0, 0.4) == pytest.approx(
+        Photometry(LINEAR, jpeg=table).displacement_px(15.0, 200.0, 0.4)
+    )
