@@ -16,9 +16,9 @@ from roundel.solver.photometry.jpeg_rounding import JpegEdge, jpeg_edge
 ROUNDING = 1 / 12  # variance of a rounding to whole steps, in steps^2
 _SAMPLE = 4096
 _EIGHT_BITS = 255.0
-# Interpolation between the pixels of a mosaic leaves colours along an edge. JPEG smooths them away in encoded levels, in
-# which the mean is darker, and the more its quantisation displaces the edge itself. Measured with the studies of
-# `benchmarks/solver/uncertainty/bayer_jpeg.yaml`: 0.005 px at a quality of 98, 0.017 px at 75 and 60.
+# Interpolation between the pixels of a mosaic leaves colours along an edge. JPEG smooths them away in encoded levels,
+# whose mean is darker than that of the light: as much as its quantisation displaces the edge itself, up to a limit.
+# Measured with `benchmarks/solver/uncertainty/bayer_jpeg.yaml`: 0.005 px at a quality of 98, 0.017 px at 75 and 60.
 _COLOUR_PX, _COLOUR_LOST_PX = 0.005, 0.012
 
 

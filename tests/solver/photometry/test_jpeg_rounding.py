@@ -83,7 +83,8 @@ def test_tables_of_files(tmp_path):
 
 
 def test_lost_colours_displace_an_edge_as_well():
-    table = tuple(8 for _ in range(64))
+    table = luminance_table(encoded(np.zeros((16, 16), np.uint8), 75))
+    assert table is not None
     grey = Photometry(SRGB, jpeg=table)
     colour = replace(grey, averaged=1 / 3)
     for inside, outside, sign in ((15.0, 200.0, 1.0), (200.0, 15.0, -1.0)):
