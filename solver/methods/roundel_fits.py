@@ -128,9 +128,9 @@ def fit_detection(
 ) -> EllipseFit | FailedFit:
     """Ellipse of a detection in undistorted pixel coordinates, by one of `METHODS`.
 
-    If the light is too uneven for smooth grey levels, or the pixels do not determine an ellipse, `pixels` falls back to
-    the edge points of the detection; the result is then a `FallbackFit` with the reason. If the response curve is
-    unknown, the covariance includes linear and sRGB levels.
+    If the pixels do not determine an ellipse, or their fit does not converge, `pixels` falls back to the edge points of
+    the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the covariance
+    includes linear and sRGB levels.
     """
     photometry, blur_px = seen.photometry, detection.edges.blur_px
     sides = side_levels(seen.grey, detection.edges)
