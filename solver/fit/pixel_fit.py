@@ -38,7 +38,17 @@ from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.kernels.contour_scene import side_medians
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.model_choice import model_choice
-from roundel.solver.kernels.pixel_equations import INK, PARAMETERS, RATES, RECORD, SMEAR, VARIANCE, pixel_equations
+from roundel.solver.kernels.pixel_equations import (
+    INK,
+    PARAMETERS,
+    RATES,
+    RECORD,
+    RESIDUAL,
+    SHARE,
+    SMEAR,
+    VARIANCE,
+    pixel_equations,
+)
 from roundel.solver.kernels.pixel_gauss_newton import (
     CONVERGED,
     DIVERGED,
@@ -71,6 +81,8 @@ _STILL = np.arange(SMEAR)  # shape, variance of the blur, its disc and its gradi
 # after another.
 _MOVING = np.arange(INK)
 _ROLLING = np.array([*_MOVING, *range(RATES, PARAMETERS)])
+_OUTLIER = 6.0  # sigmas
+_CLEARLY = 20.0  # of chi-square; where the ink is soft, one parameter more gains up to twelve
 # Beyond these, what the pixels show: parameters, and the sets of them to choose from.
 _BEYOND_STILL = np.array([SMEAR, SMEAR + 1, INK]), np.array([[0, 0, 0], [1, 1, 0], [0, 0, 1]])
 _BEYOND_MOVING = np.array([INK]), np.array([[0], [1]])
@@ -206,6 +218,10 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
     first = _first_state(fit)
     chosen = _chosen(fit, first)
     state = _fitted(fit, chosen)
+    if fit.base is _STILL and chosen.used[-1] == INK and chosen.parameters[VARIANCE] < _WIDE_VARIANCE:
+        smeared = _fitted(fit, replace(chosen, used=_MOVING))
+        if not isinstance(smeared, FailedFit) and _is_preferred(smeared, state):
+            state = smeared
     if isinstance(state, FailedFit):
         return state
     if len(state.used) == len(fit.base) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
@@ -214,6 +230,18 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
             again = _fitted(fit, chosen)
             state = state if isinstance(again, FailedFit) else again
     return state
+
+
+def _is_preferred(smeared: FitState, inked: FitState | FailedFit) -> bool:
+    """Whether the pixels show a smear rather than a soft edge of the ink: to first order a weak one looks like both."""
+    if isinstance(inked, FailedFit):
+        return True
+    noise = inked.noise
+    inked_square, smeared_square = (
+        float(np.sum(np.minimum(r[:, RESIDUAL] ** 2 / (noise[0] + (noise[1] - noise[0]) * r[:, SHARE]), _OUTLIER**2)))
+        for r in (inked.record, smeared.record)
+    )
+    return inked_square - smeared_square > _CLEARLY
 
 
 def _first_state(fit: _Fit) -> FitState:
