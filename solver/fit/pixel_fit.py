@@ -65,6 +65,8 @@ Array = NDArray[np.float64]
 _WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 _ROUNDS = 3  # of leaving out sectors
+# Chi-square of the edge that the planes of a sector have to explain: chance explains about half (6 in eleven sectors).
+_WORTH = 1.5
 _MOSTLY = 0.3  # of a contour
 _MOVES = 6  # of the ellipse by more than 0.04 px; a fit that settles needs two or three
 _FLOOR_DN2 = 1e-4  # no sensor is free of noise: a thousandth of the rounding's variance 1/12
@@ -187,8 +189,14 @@ def _with_light(
             rows=fit.rows,
         )
         again = _fitted(lit, start)
-        if not isinstance(again, FailedFit):
-            state, fit, trusted = again, lit, light.trusted
+        if isinstance(again, FailedFit):
+            continue
+        if len(state.inverse) and np.array_equal(light.trusted, trusted):
+            # Light beside the edge that does not reach it only costs precision.
+            gain = _chi_square(record, state.noise) - _chi_square(again.record, state.noise)
+            if gain < _WORTH * light.part * np.count_nonzero(trusted):
+                continue
+        state, fit, trusted = again, lit, light.trusted
     return state, fit, trusted
 
 
@@ -236,12 +244,13 @@ def _is_preferred(smeared: FitState, inked: FitState | FailedFit) -> bool:
     """Whether the pixels show a smear rather than a soft edge of the ink: to first order a weak one looks like both."""
     if isinstance(inked, FailedFit):
         return True
-    noise = inked.noise
-    inked_square, smeared_square = (
-        float(np.sum(np.minimum(r[:, RESIDUAL] ** 2 / (noise[0] + (noise[1] - noise[0]) * r[:, SHARE]), _OUTLIER**2)))
-        for r in (inked.record, smeared.record)
-    )
-    return inked_square - smeared_square > _CLEARLY
+    return _chi_square(inked.record, inked.noise) - _chi_square(smeared.record, inked.noise) > _CLEARLY
+
+
+def _chi_square(record: Array, noise: Array) -> float:
+    """Of the edge's pixels, with limited outliers."""
+    variance = noise[0] + (noise[1] - noise[0]) * record[:, SHARE]
+    return float(np.sum(np.minimum(record[:, RESIDUAL] ** 2 / variance, _OUTLIER**2)))
 
 
 def _first_state(fit: _Fit) -> FitState:

@@ -49,8 +49,8 @@ DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
 OUTSIDE_FIELD = "the contour is outside the field of the camera's lens model"
 _CLIPPED = 254.5 / 255.0
-# Standard deviation of the displacement by JPEG, which depends on levels and blur that are only known roughly: a part of
-# it, and more where the table is so coarse that it is large (at a quality of 20 it is 0.10 px instead of 0.055 px).
+# Standard deviation of the displacement by JPEG, which depends on levels and blur that are only known roughly: a part
+# of it, and more where the table is so coarse that it is large (at a quality of 20 it is 0.10 px instead of 0.055 px).
 _SHIFT_SIGMA, _MORE_PER_PX = 0.5, 12.0
 
 
