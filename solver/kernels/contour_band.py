@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 BAND_X, BAND_Y, LEVEL, OFFSET, SECTOR, BAND = 0, 1, 2, 3, 4, 5
 
 _LAST_PX = 1.5  # outermost part of a plateau of `edge_points`, with which pixels beyond it are compared
-_FLAT, _CHANGE = 0.02, 3.0  # fraction of the contrast, and sigmas of the noise
+_FLAT, _CHANGE = 0.01, 3.0  # fraction of the contrast, and sigmas of the noise
 _GROUPS = 12  # directions in which a plateau's flatness is tested
 _SATURATED = 254.5 / 255.0  # fraction of the full scale
 _CLIPPED = 0.002  # fraction of a plateau: more than a few hot pixels
