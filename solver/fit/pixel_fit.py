@@ -39,6 +39,7 @@ from roundel.solver.kernels.contour_scene import side_medians
 from roundel.solver.kernels.disc_blur import STEPS
 from roundel.solver.kernels.model_choice import model_choice
 from roundel.solver.kernels.pixel_equations import (
+    DISC,
     INK,
     PARAMETERS,
     RATES,
@@ -63,6 +64,9 @@ from roundel.solver.kernels.pixel_gauss_newton import (
 Array = NDArray[np.float64]
 
 _WIDE_VARIANCE = 0.3  # px^2: of a blur whose shape is visible
+# Share of a disc: no lens has a blur with shorter tails than a circle of confusion (1; 0.9 to 1.02 in renderings). Soft
+# ink's ramp has 1.35. On a circle that is hardly tilted nothing else tells it from a blur.
+_RAMP = 1.2
 _WIDE_BLUR = 0.2  # fraction of the semi-minor axis
 _ROUNDS = 3  # of leaving out sectors
 # Chi-square of the edge that the planes of a sector have to explain: chance explains about half (6 in eleven sectors).
@@ -151,7 +155,7 @@ def fit_pixels(
             plain = _fitted(fit, state)
             if isinstance(plain, FailedFit):
                 return plain
-            state = plain
+            state = _with_shape(fit, plain)
         state, fit, trusted = _with_light(state, fit, whole, trusted, rounds == 1)
         sectors = sectors_of(state, fit.scene)
         width = math.ceil(math.sqrt(state.parameters[VARIANCE] + max(float(state.parameters[INK]), 0.0)))
@@ -232,12 +236,20 @@ def _settled(fit: _Fit) -> FitState | FailedFit:
             state = smeared
     if isinstance(state, FailedFit):
         return state
-    if len(state.used) == len(fit.base) and state.parameters[VARIANCE] > _WIDE_VARIANCE:
-        chosen = _chosen(fit, state)
-        if len(chosen.used) > len(fit.base):
-            again = _fitted(fit, chosen)
-            state = state if isinstance(again, FailedFit) else again
-    return state
+    return _with_shape(fit, state)
+
+
+def _with_shape(fit: _Fit, state: FitState) -> FitState:
+    """The fit with what the shape of a wide blur shows."""
+    if len(state.used) > len(fit.base) or state.parameters[VARIANCE] <= _WIDE_VARIANCE:
+        return state
+    chosen = _chosen(fit, state)
+    if len(chosen.used) == len(fit.base) and state.parameters[DISC] > _RAMP:
+        chosen = replace(chosen, used=np.array([*chosen.used, INK]))
+    if len(chosen.used) == len(fit.base):
+        return state
+    again = _fitted(fit, chosen)
+    return state if isinstance(again, FailedFit) else again
 
 
 def _is_preferred(smeared: FitState, inked: FitState | FailedFit) -> bool:
