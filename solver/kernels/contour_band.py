@@ -100,7 +100,7 @@ def contour_band(
             sector = min(int(arc * per_length), count - 1)
             if not trusted[sector]:
                 continue
-            value = float(image[rows[r, 0], column])
+            value = np.float64(image[rows[r, 0], column])
             band[n, BAND_X], band[n, BAND_Y], band[n, LEVEL] = column, rows[r, 0], value
             band[n, OFFSET], band[n, SECTOR] = distance, sector
             if near:

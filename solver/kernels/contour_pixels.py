@@ -242,7 +242,19 @@ def contour_pixels(
             sector[n] = min(int(arc * per_length), count - 1)
             starts[sector[n] + 1] += 1
             write_pixel(
-                found[n], float(column), float(row), float(image[row, column]), distance, nx, ny, ux, uy, c, s, a, b
+                found[n],
+                float(column),
+                float(row),
+                np.float64(image[row, column]),
+                distance,
+                nx,
+                ny,
+                ux,
+                uy,
+                c,
+                s,
+                a,
+                b,
             )
             n += 1
     following = np.empty(count, np.int64)

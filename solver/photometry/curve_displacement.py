@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +33,12 @@ def edge_displacement_px(inside: float, outside: float, blur_px: float) -> float
     blur_px : float
         Gaussian sigma of the blur, excluding the pixel's aperture.
     """
-    from scipy.special import ndtri
-
     low, high = SRGB.light(np.clip([inside, outside], 0.0, 1.0))
     if math.isclose(low, high):
         return 0.0
     middle = float(SRGB.light((inside + outside) / 2))
     share = min(max((middle - low) / (high - low), 1e-3), 1 - 1e-3)
-    return float(math.sqrt(blur_px**2 + PIXEL_VARIANCE) * ndtri(share))
+    return float(math.sqrt(blur_px**2 + PIXEL_VARIANCE) * NormalDist().inv_cdf(share))
 
 
 def displaced(fit: EllipseFit, distance_px: float, sigma_px: float) -> EllipseFit:
