@@ -16,4 +16,5 @@ pixel_fit: Ellipse, blur and grey levels fitted to the pixels together, by weigh
 pixel_scene: The data of a pixel fit: pixels of the edge, the plateaus beside it, and functions of the grey levels
 row_motion: The motion of an ellipse while the rows of the image are read, under a prior
 sector_planes: Planes of the grey levels in the sectors of a contour, by least squares over the neighbouring sectors
+settled_fit: One fit to the pixels of given sectors: what its model needs, and Gauss-Newton until it settles
 """
