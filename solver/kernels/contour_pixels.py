@@ -241,21 +241,8 @@ def contour_pixels(
             arc = lengths[knot] + (lengths[knot + 1] - lengths[knot]) * (at - knot)
             sector[n] = min(int(arc * per_length), count - 1)
             starts[sector[n] + 1] += 1
-            write_pixel(
-                found[n],
-                float(column),
-                float(row),
-                np.float64(image[row, column]),
-                distance,
-                nx,
-                ny,
-                ux,
-                uy,
-                c,
-                s,
-                a,
-                b,
-            )
+            value = np.float64(image[row, column])
+            write_pixel(found[n], float(column), float(row), value, distance, nx, ny, ux, uy, c, s, a, b)
             n += 1
     following = np.empty(count, np.int64)
     for i in range(count):

@@ -6,18 +6,11 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
-from numba.core import types
-from numba.core.dispatcher import Dispatcher
 
-import roundel
 from roundel.solver.compilation import first_compilation
-from roundel.solver.methods.compilation_shares import drawn_disc
 
 # Prints the kernels that Numba compiles on request of Python, not in the middle of another one.
 LISTENER = """
@@ -42,6 +35,44 @@ import roundel
 assert len(roundel.locate(drawn_disc(), 1.0)) == 1
 print(json.dumps(names))
 """
+SCENARIO = """
+import sys
+import cv2
+import numpy as np
+import roundel
+from numba.core import types
+from numba.core.dispatcher import Dispatcher
+from roundel.solver.methods.compilation_shares import drawn_disc
+
+disc = drawn_disc()
+level = disc.astype(np.float64)
+light = (level / 255.0).astype(np.float32)
+light.setflags(write=False)
+noisy = np.random.default_rng(1).normal(level, 20.0)
+shadow = np.where(np.arange(disc.shape[1]) < 60, level * 0.5, level)
+saturated = np.minimum(level * 1.6, 255.0)
+for image in (disc, np.dstack([disc] * 3), 255 - disc, disc[:, 40:], noisy, shadow, saturated):
+    roundel.locate(np.clip(image, 0, 255).astype(np.uint8), 1.0)
+for image in (light, np.asfortranarray(level), disc.astype(np.uint16) * 200):
+    roundel.locate(image, 1.0, curve="linear")
+roundel.locate(cv2.GaussianBlur(level, (0, 0), 4.0).astype(np.uint8), 1.0)
+roundel.locate(np.kron(disc, np.ones((8, 8), np.uint8)), 1.0)
+for method in ("ml", "guaranteed", "direct", "edgedrawing"):
+    roundel.locate(disc, 1.0, method=method)
+tracker = roundel.Tracker(1.0)
+for k in range(4):
+    tracker.update(np.roll(disc, k, axis=1), k / 30.0)
+
+# A variable that starts as a constant has the constant's type first: a small kernel is then compiled for it, too.
+def types_of(kernel):
+    return {tuple(types.unliteral(t) for t in overload) for overload in kernel.overloads}
+
+modules = [module for name, module in list(sys.modules.items()) if name.startswith("roundel.solver")]
+kernels = {id(v): v for m in modules for v in vars(m).values() if isinstance(v, Dispatcher)}.values()
+assert len(kernels) > 50
+twice = {f"{k.py_func.__module__}.{k.py_func.__name__}": types_of(k) for k in kernels if len(types_of(k)) > 1}
+assert not twice, twice
+"""
 KERNELS = {
     "one.py": "from roundel.solver.kernels.compiled import compiled\n\n\n@compiled\ndef one(x):\n    return x + 1.0\n",
     "two.py": "from one import one\n\nfrom roundel.solver.kernels.compiled import compiled\n\n\n"
@@ -63,20 +94,6 @@ def run(script: str, folder: Path | None = None, cache: Path | None = None, seco
     return done.stdout
 
 
-def kernels() -> Iterator[Dispatcher]:
-    modules = [module for name, module in list(sys.modules.items()) if name.startswith("roundel.solver")]
-    yield from {id(v): v for m in modules for v in vars(m).values() if isinstance(v, Dispatcher)}.values()
-
-
-def name_of(kernel: Dispatcher) -> str:
-    return f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
-
-
-def types_of(kernel: Dispatcher) -> set[tuple[types.Type, ...]]:
-    # A variable that starts as a constant has the constant's type first: a small kernel is then compiled for it, too.
-    return {tuple(types.unliteral(t) for t in overload) for overload in kernel.overloads}
-
-
 def test_a_later_process_compiles_nothing() -> None:
     run(LISTENER + LOCATE)  # compiles, if this is the first process
     assert json.loads(run(LISTENER + LOCATE)) == []
@@ -89,25 +106,7 @@ def test_a_later_process_imports_nothing_heavy_beside_numba_and_opencv() -> None
 
 
 def test_no_kernel_is_compiled_for_a_second_type() -> None:
-    disc = drawn_disc()
-    level = disc.astype(np.float64)
-    light = (level / 255.0).astype(np.float32)
-    light.setflags(write=False)
-    noisy = np.random.default_rng(1).normal(level, 20.0)
-    shadow = np.where(np.arange(disc.shape[1]) < 60, level * 0.5, level)
-    saturated = np.minimum(level * 1.6, 255.0)
-    for image in (disc, np.dstack([disc] * 3), 255 - disc, disc[:, 40:], noisy, shadow, saturated):
-        roundel.locate(np.clip(image, 0, 255).astype(np.uint8), 1.0)
-    for image in (light, np.asfortranarray(level), disc.astype(np.uint16) * 200):
-        roundel.locate(image, 1.0, curve="linear")
-    roundel.locate(cv2.GaussianBlur(level, (0, 0), 4.0).astype(np.uint8), 1.0)
-    roundel.locate(np.kron(disc, np.ones((8, 8), np.uint8)), 1.0)
-    for method in ("ml", "guaranteed", "direct", "edgedrawing"):
-        roundel.locate(disc, 1.0, method=method)
-    tracker = roundel.Tracker(1.0)
-    for k in range(4):
-        tracker.update(np.roll(disc, k, axis=1), k / 30.0)
-    assert {name_of(k): types_of(k) for k in kernels() if len(types_of(k)) > 1} == {}
+    run(SCENARIO)  # in a process of its own: tests call kernels with other types
 
 
 def test_a_change_in_another_file_compiles_again(tmp_path: Path) -> None:
