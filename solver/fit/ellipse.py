@@ -316,13 +316,24 @@ def _checked_start(start: ArrayLike) -> Array | FailedFit:
     return ellipse
 
 
+def _shape_of_one(x: float, y: float, a: float, b: float, angle: float) -> tuple[float, ...]:
+    """As `shape_of_ellipse`, in plain floats: several times faster."""
+    half, twice, mean = (a - b) / 2, math.radians(2 * angle), (a + b) / 2
+    return x, y, mean + half * math.cos(twice), half * math.sin(twice), mean - half * math.cos(twice)
+
+
+def _ellipse_of_one(x: float, y: float, s11: float, s12: float, s22: float) -> tuple[float, ...]:
+    """As `ellipse_of_shape`, in plain floats."""
+    mean, half = (s11 + s22) / 2, math.hypot((s11 - s22) / 2, s12)
+    angle = math.degrees(math.atan2(s12, (s11 - s22) / 2)) / 2 % 180.0
+    return x, y, mean + half, mean - half, angle if angle < 180.0 else 0.0
+
+
 def shape_of_ellipse(ellipse: ArrayLike) -> Array:
     """(..., 5) x, y, a, b, angle_deg to (..., 5) x, y, S11, S12, S22 with S = Rot diag(a, b) Rot^T."""
     e = np.asarray(ellipse, dtype=np.float64)
     if e.ndim == 1:
-        x, y, a, b, angle = e.tolist()
-        half, twice, mean = (a - b) / 2, math.radians(2 * angle), (a + b) / 2
-        return np.array([x, y, mean + half * math.cos(twice), half * math.sin(twice), mean - half * math.cos(twice)])
+        return np.array(_shape_of_one(*e.tolist()))
     x, y, a, b, angle = (e[..., i] for i in range(5))
     half, twice = (a - b) / 2, np.radians(2 * angle)
     mean = (a + b) / 2
@@ -333,10 +344,7 @@ def ellipse_of_shape(theta: ArrayLike) -> Array:
     """Inverse of `shape_of_ellipse`, with a >= b and the angle in [0, 180)."""
     t = np.asarray(theta, dtype=np.float64)
     if t.ndim == 1:
-        x, y, s11, s12, s22 = t.tolist()
-        mean, half = (s11 + s22) / 2, math.hypot((s11 - s22) / 2, s12)
-        angle = math.degrees(math.atan2(s12, (s11 - s22) / 2)) / 2 % 180.0
-        return np.array([x, y, mean + half, mean - half, angle if angle < 180.0 else 0.0])
+        return np.array(_ellipse_of_one(*t.tolist()))
     x, y, s11, s12, s22 = (t[..., i] for i in range(5))
     mean, half = (s11 + s22) / 2, np.hypot((s11 - s22) / 2, s12)
     angle = np.mod(np.degrees(np.arctan2(s12, (s11 - s22) / 2)) / 2, 180.0)

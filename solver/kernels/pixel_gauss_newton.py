@@ -192,7 +192,7 @@ def add_priors(
 @compiled
 def _steepest(parameters: Array) -> float:
     """Largest change of the variance from the centre of the marker to its contour: half that of lens and ink."""
-    return (parameters[VARIANCE] + max(parameters[INK], 0.0)) / 2.0
+    return float((parameters[VARIANCE] + max(parameters[INK], 0.0)) / 2.0)
 
 
 @compiled
@@ -226,10 +226,10 @@ def _allowed(parameter: int, parameters: Array, step: float, inked: bool) -> flo
     if parameter == VARIANCE and inked:  # the ink is all of the blur
         return 0.0 if step < 0.0 and value <= MIN_VARIANCE else step
     if parameter == DISC:
-        return min(max(step, _DISC_LOWEST - value), _DISC_HIGHEST - value)
+        return float(min(max(step, _DISC_LOWEST - value), _DISC_HIGHEST - value))
     if GRADIENT <= parameter < SMEAR:
         most = _steepest(parameters)
-        return min(max(step, -most - value), most - value)
+        return float(min(max(step, -most - value), most - value))
     return step
 
 
