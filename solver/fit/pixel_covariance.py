@@ -13,6 +13,7 @@ from roundel.solver.fit.ellipse import EllipseFit, FailedFit, ellipse_of_shape, 
 from roundel.solver.fit.pixel_scene import PixelScene
 from roundel.solver.fit.row_motion import RowMotion, widened
 from roundel.solver.kernels.contour_pixels import X, Y, arc_lengths
+from roundel.solver.kernels.contour_scene import sector_sums
 from roundel.solver.kernels.pixel_equations import CLIPPED, RATES, RESIDUAL, SHARE, SLOPE, VARIANCE, WEIGHT
 
 Array = NDArray[np.float64]
@@ -144,30 +145,7 @@ class Sectors:
 
 def sectors_of(state: FitState, scene: PixelScene) -> Sectors:
     """Offsets and residuals by sector."""
-    information, pull = _by_pixel(state, scene)
-    steep = np.abs(state.record[:, SLOPE]) > 0.2 * float(np.max(np.abs(state.record[:, SLOPE]), initial=1e-300))
-    count = len(scene.starts) - 1
-    sector = np.repeat(np.arange(count), np.diff(scene.starts))
-
-    def summed(values: Array) -> Array:
-        return np.asarray(np.bincount(sector, values, minlength=count), dtype=np.float64)
-
-    known, offset = summed(information), summed(pull)
-    used = known > 1e-3 * float(np.max(known, initial=0.0))
-    whole = np.where(used, known, 1.0)
-    noise = state.noise[0] + (state.noise[1] - state.noise[0]) * state.record[:, SHARE]
-    steep &= state.record[:, CLIPPED] == 0
-    square = state.record[:, RESIDUAL] ** 2 / noise * steep
-    shape = np.stack([summed(information * column) for column in state.jacobian.T], axis=1) / whole[:, None]
-    # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
-    return Sectors(
-        np.where(used, -offset / whole, 0.0),
-        np.where(used, 1.0 / np.sqrt(whole), np.inf),
-        summed(square),
-        summed(steep.astype(np.float64)),
-        used,
-        shape,
-    )
+    return Sectors(*sector_sums(state.record, state.jacobian, scene.starts, state.noise, scene.light))
 
 
 def _rates_cov(state: FitState, scale: float) -> Array:
@@ -197,7 +175,7 @@ def _by_pixel(state: FitState, scene: PixelScene) -> tuple[Array, Array]:
 
 
 def finished(
-    state: FitState, scene: PixelScene, rejected_fraction: float, motion: RowMotion | None = None
+    state: FitState, scene: PixelScene, sectors: Sectors, rejected_fraction: float, motion: RowMotion | None = None
 ) -> PixelFit | FailedFit:
     """The result of a converged fit; a motion that was not fitted widens its covariance."""
     theta = shape_of_ellipse(state.ellipse) + state.parameters[:5]
@@ -209,7 +187,6 @@ def finished(
         return FailedFit("the pixels do not determine an ellipse")
     shares = scene.light[:, 4] if len(scene.light) else 1.0  # pulls are weighted by them, too
     misfit = float(np.sum(pull**2)) / float(np.sum(information * shares)) / power
-    sectors = sectors_of(state, scene)
     used = sectors.used
     offset, sigma = sectors.offset[used], sectors.sigma[used]
     # Errors shared by pixels of a sector, and by neighbouring sectors, do not average out like noise.

@@ -103,7 +103,7 @@ def fit_pixels(
             break
         trusted = trusted & ~bad
     rejected = 1.0 - np.count_nonzero(trusted) / max(int(np.count_nonzero(edges.trusted)), 1)
-    return finished(state, fit.scene, max(rejected, 0.0), motion)
+    return finished(state, fit.scene, sectors, max(rejected, 0.0), motion)
 
 
 def _with_light(

@@ -21,6 +21,7 @@ from roundel.solver.kernels.contour_pixels import (
     write_pixel,
 )
 from roundel.solver.kernels.order_statistics import median, quantile
+from roundel.solver.kernels.pixel_equations import CLIPPED, RESIDUAL, SHARE, SLOPE, WEIGHT
 from roundel.solver.kernels.small_matrices import add_products
 from roundel.solver.kernels.trace_contour import shape_row
 
@@ -28,6 +29,7 @@ Array = NDArray[np.float64]
 
 _MEDIAN_SQUARE = 0.4549  # median of chi-square with one degree of freedom
 _BLOCK = 64  # pixels
+_STEEP, _LITTLE = 0.2, 1e-3  # fractions of the steepest pixel's slope, and of the best sector's information
 _STAIN = 16.0  # squared sigmas beyond which a pixel of a plateau does not belong to it
 
 
@@ -115,3 +117,51 @@ def side_medians(table: Array, inside: Array, outside: Array) -> tuple[float, fl
             every[count + i] = plateau[i]
         medians[side] = median(every)
     return medians[0], medians[1]
+
+
+@compiled
+def sector_sums(
+    record: Array, jacobian: Array, starts: NDArray[np.int64], noise: Array, light: Array
+) -> tuple[Array, Array, Array, Array, NDArray[np.bool_], Array]:
+    """What a fit knows of each sector of the contour: the fields of `roundel.solver.fit.pixel_covariance.Sectors`.
+
+    Parameters
+    ----------
+    record, jacobian, light : (N, 5), (N, 5), (N or 0, 5) arrays
+        See `pixel_equations`.
+    starts : (S + 1,) array
+        The sectors' first pixels.
+    noise : (2,) array
+        Variance of a pixel inside and outside.
+    """
+    count = len(starts) - 1
+    offset, sigma, shape = np.zeros(count), np.empty(count), np.zeros((count, 5))
+    square, pixels, known = np.zeros(count), np.zeros(count), np.zeros(count)
+    used = np.empty(count, np.bool_)
+    steepest, most = 0.0, 0.0
+    for i in range(len(record)):
+        steepest = max(steepest, abs(record[i, SLOPE]))
+    for s in range(count):
+        for i in range(starts[s], starts[s + 1]):
+            if record[i, CLIPPED] == 1.0:
+                continue
+            variance = noise[0] + (noise[1] - noise[0]) * record[i, SHARE]
+            if abs(record[i, SLOPE]) > _STEEP * steepest:
+                square[s] += record[i, RESIDUAL] ** 2 / variance
+                pixels[s] += 1.0
+            part = light[i, 4] if len(light) > 0 else 1.0
+            information = record[i, SLOPE] ** 2 / variance * part
+            known[s] += information
+            # If the contour is inside the ellipse, the prediction is too low: the residual has the opposite sign.
+            offset[s] -= record[i, WEIGHT] * record[i, SLOPE] * record[i, RESIDUAL]
+            for j in range(5):
+                shape[s, j] += information * jacobian[i, j]
+        most = max(most, known[s])
+    for s in range(count):
+        used[s] = known[s] > _LITTLE * most
+        whole = known[s] if used[s] else 1.0
+        offset[s] = offset[s] / whole if used[s] else 0.0
+        sigma[s] = 1.0 / math.sqrt(whole) if used[s] else math.inf
+        for j in range(5):
+            shape[s, j] /= whole
+    return offset, sigma, square, pixels, used, shape
