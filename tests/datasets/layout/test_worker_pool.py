@@ -34,10 +34,12 @@ def test_a_dead_worker_is_one_sentence() -> None:
 
 
 SCRIPT = """
-import multiprocessing, operator, sys, time
+import multiprocessing, operator, signal, sys, time
 from roundel.datasets.layout.worker_pool import in_order
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for commands in the background
+
     def items():
         yield 0
         yield 0
