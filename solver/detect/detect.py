@@ -89,10 +89,13 @@ def detect(
     full = Level(pixels, 1, noise_dn(image))
     contours = Contours(full, full_scale_dn, polish)
     ellipses: list[Array] = []
+    smaller, by = pixels, 1  # the last reduced image, of which the next may be a reduction
     for factor in (first * reduction for reduction in _REDUCTIONS):
         if factor > 1 and min(image.shape) < _MIN_SIDE_PX * factor:
             continue
-        level = image if factor == 1 else reduced(pixels, factor)
+        if factor > 1:
+            smaller, by = reduced(smaller, factor // by) if factor % by == 0 else reduced(pixels, factor), factor
+        level = image if factor == 1 else smaller
         grey, gain = grey_8bit(level, full_scale_dn)
         noise = full.noise if factor == 1 else noise_dn(level)
         candidates = candidate_ellipses(edge_chains(grey, noise * gain), grey.shape)

@@ -52,7 +52,7 @@ _LEAST_SIGMA = 0.3 / 255  # rounding to 8 bits
 _BETTER, _THIRD = 16.0, 16.0
 _PLAIN = 4 * _BETTER  # further contours would add nothing
 _PARTS, _AGREEMENT = 16, 3.0  # parts of a contour, and standard errors by which they must agree
-_FEW, _MOST = 700, 2000  # pixels of a contour; more are only needed where few do not decide
+_FEW, _MOST = 450, 2000  # pixels of a contour; more are only needed where few do not decide
 _MOST_MISFIT = 20.0  # reduced chi-square beyond which no curve explains the pixels
 
 
