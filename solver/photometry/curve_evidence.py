@@ -115,7 +115,7 @@ def curve_evidence(levels: NDArray[np.float32], contours: Sequence[EdgePoints], 
     """
     order = sorted(contours, key=lambda e: -abs(e.contrast_dn) * math.sqrt(e.coverage * float(e.ellipse[2])))
     few = _evidence(levels, order[:_CONTOURS], full_scale_dn, _FEW)
-    plain = abs(few.chi2[0] - few.chi2[1]) > _PLAIN
+    plain = abs(few.chi2[0] - few.chi2[1]) > _PLAIN and few.curve.known
     return few if plain or few.sharpened else _evidence(levels, order[:_CONTOURS], full_scale_dn, _MOST)
 
 
