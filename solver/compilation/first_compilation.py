@@ -14,7 +14,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-NOTICE = "roundel: compiling the solver's inner loops, once after an installation (about 15 s)"
+NOTICE = "roundel: compiling the solver's inner loops, once after an installation (about half a minute)"
 
 _OWN = "roundel.solver.detect."  # its kernels are compiled by this process
 _SHARES = ("fits", "contours", "levels")  # the longest first
