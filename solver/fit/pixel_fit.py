@@ -35,10 +35,7 @@ from roundel.solver.fit.pixel_covariance import FitState, PixelFit, finished, se
 from roundel.solver.fit.pixel_scene import SIZES, PixelScene, lit_scene, scene_of
 from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.fit.settled_fit import FitData, chi_square, first_state, fit_data, fitted, settled, with_shape
-from roundel.solver.kernels.pixel_equations import (
-    INK,
-    VARIANCE,
-)
+from roundel.solver.kernels.pixel_equations import INK, VARIANCE
 
 Array = NDArray[np.float64]
 
@@ -115,20 +112,20 @@ def _with_light(
     for growing in (False, True) if grow and not trusted.all() else (False,):
         known = whole is fit.scene and len(state.record)
         record = state.record if known else record_of(state, whole, fit.rows, fit.discs)
-        light = local_light(state, whole, record, trusted, growing)
+        light, ground = local_light(state, whole, record, trusted, growing), state
         if light is not None and state.levels.shape[1] > SIZES[0] and light.part > _MOSTLY:
             # Squares that follow a shadow bend too much for planes on top of them.
-            state = replace(state, levels=state.levels[:, : SIZES[0]].copy())
-            light = local_light(state, whole, record_of(state, whole, fit.rows, fit.discs), trusted, growing)
+            ground = replace(state, levels=state.levels[:, : SIZES[0]].copy())
+            light = local_light(ground, whole, record_of(ground, whole, fit.rows, fit.discs), trusted, growing)
         if light is None:
             continue
         lit = replace(fit, scene=lit_scene(whole, light.trusted, light.planes, light.share))
         start = replace(
-            state,
+            ground,
             ellipse=whole.ellipse,
             table=lit.scene.table,
             jacobian=lit.scene.jacobian,
-            parameters=parameters_at(state, whole),
+            parameters=parameters_at(ground, whole),
             rows=fit.rows,
         )
         again = fitted(lit, start)

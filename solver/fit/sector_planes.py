@@ -61,8 +61,13 @@ def gather_sectors(
     flat_moment: Array, near_px: float,
 ) -> None:  # fmt: skip
     """Write each sector's normal equations of its planes without its offset, its lean on the offset, and sums."""
-    gram[:], moment[:], lean[:], sums[:] = 0.0, 0.0, 0.0, 0.0
-    flat_gram[:], flat_moment[:] = 0.0, 0.0
+    for s in range(len(sums)):
+        for j in range(sums.shape[1]):
+            sums[s, j] = 0.0
+        for a in range(PLANES):
+            moment[s, a], lean[s, a], flat_moment[s, a] = 0.0, 0.0, 0.0
+            for b in range(PLANES):
+                gram[s, a, b], flat_gram[s, a, b] = 0.0, 0.0
     phi = np.zeros(PLANES)
     for i in range(len(table)):
         if record[i, CLIPPED] == 0.0:
@@ -120,8 +125,10 @@ def plane_of(
 ) -> tuple[float, int]:  # fmt: skip
     """Write the planes of a sector; returns by how much they reduce chi-square, and the number of sectors used."""
     count, used, gain = len(usable), 0, 0.0
-    normal[:], gradient[:], plane[:] = 0.0, 0.0, 0.0
     for a in range(PLANES):
+        gradient[a], plane[a] = 0.0, 0.0
+        for b in range(PLANES):
+            normal[a, b] = 0.0
         normal[a, a] = ((_LEVEL if a % 3 == 0 else _CHANGE) * contrast_dn) ** -2.0
     for k in range(-window, window + 1):
         j, u = (s + k) % count, k * SECTOR_PX

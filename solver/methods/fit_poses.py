@@ -61,9 +61,7 @@ def _posed(fits: Sequence[EllipseFit], uncertain: UncertainCamera, radius_m: flo
     known = np.isfinite(shape_covs).all(axis=(1, 2))
     shape_covs[~known] = 0.0
     try:
-        poses, cov = poses_with_covariance(
-            ellipses, np.where(known[:, None, None], shape_covs, 0.0), k, radius_m, *sigmas
-        )
+        poses, cov = poses_with_covariance(ellipses, shape_covs, k, radius_m, *sigmas)
         assert cov is not None, "all covariances are finite"
         cov = curved_covariance(poses, cov, ellipses, shape_covs, k, radius_m)
     except ValueError as error:
@@ -80,5 +78,7 @@ def _at_centre_rows(fit: PixelFit, uncertain: UncertainCamera, radius_m: float) 
     sigmas = uncertain.focal_sigma, uncertain.principal_sigma_px
     try:
         return poses_at_centre_rows(moving, camera, row_time, radius_m, *sigmas)
+    except np.linalg.LinAlgError:  # sheared to a line
+        return FailedFit("the motion during the readout leaves no pose at the row of the circle's centre")
     except ValueError as error:
         return FailedFit(str(error))

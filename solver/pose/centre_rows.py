@@ -189,15 +189,23 @@ class _Contour:
 
     def row_of(self, point_px: Array) -> float:
         """The row, or column, that images an undistorted point (2,)."""
-        return float(distort_px(self.camera, point_px[None])[0, self.axis])
+        return float(_imaged(self.camera, point_px[None])[0, self.axis])
 
 
 def _contour_of(moving: MovingEllipse, camera: Camera, row_time: RowTime) -> _Contour:
     axis = 0 if row_time.along_x else 1
     apart = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    right, left, down, up = distort_px(camera, moving.ellipse[:2] + apart)[:, axis]
+    right, left, down, up = _imaged(camera, moving.ellipse[:2] + apart)[:, axis]
     along = np.array([right - left, down - up]) / 2.0
     return _Contour(moving, camera, row_time.row_s(camera.width_px, camera.height_px), along, axis)
+
+
+def _imaged(camera: Camera, points_px: Array) -> Array:
+    """Image points (n, 2) of undistorted ones; a ValueError outside the lens model's field."""
+    out = distort_px(camera, points_px)
+    if not np.isfinite(out).all():
+        raise ValueError("the circle is outside the field of the camera's lens model")
+    return out
 
 
 def _matrix(elements: Array) -> Array:
