@@ -81,6 +81,7 @@ def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
             "kind": part.kind,
             "diameter_m": None if part.radius_m is None else 2 * part.radius_m,
             "layout": part.layout,
+            **({} if part.size_m is None else {"size_m": list(part.size_m)}),
         }
         for view in frame.views()
         for part in view.sheet.parts

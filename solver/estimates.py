@@ -95,6 +95,10 @@ class Estimate:
         Covariance of (centre x, y, z in m, normal x, y, z) of each candidate; rank 5.
     track_id : int or None
         Identity of the marker from frame to frame; only for estimates from a video.
+    identity : int or None
+        What the marker's code says.
+    focal_px, focal_sigma_px : float or None
+        Focal length that the method measured from the image alone, and its standard deviation.
     """
 
     frame_id: int
@@ -126,6 +130,9 @@ class Estimate:
     curve: str = ""
     caveats: tuple[str, ...] = ()
     track_id: int | None = None
+    identity: int | None = None
+    focal_px: float | None = None
+    focal_sigma_px: float | None = None
 
     def __bool__(self) -> bool:
         return self.status == "ok"
@@ -159,6 +166,9 @@ class Estimate:
             "intrinsics_basis": self.intrinsics_basis,
             "choice_basis": self.choice_basis,
             "track_id": self.track_id,
+            "identity": self.identity,
+            "focal_px": self.focal_px,
+            "focal_sigma_px": self.focal_sigma_px,
             "status": self.status,
             "reason": self.reason,
         }
@@ -211,6 +221,9 @@ def estimates_schema(dataset_id: str | None = None) -> pa.Schema:
             pa.field("intrinsics_basis", pa.string()),
             pa.field("choice_basis", pa.string()),
             pa.field("track_id", pa.int64()),
+            pa.field("identity", pa.int64()),
+            pa.field("focal_px", pa.float64()),
+            pa.field("focal_sigma_px", pa.float64()),
             *(pa.field(f"cov_{i}{j}", pa.float64()) for i, j in _COVARIANCE),
             pa.field("status", pa.string(), nullable=False),
             pa.field("reason", pa.string(), nullable=False),

@@ -2,6 +2,7 @@
 
 airy: Diffraction by the aperture: the Airy pattern, truncated at a declared radius
 film: The 35 mm frame to which EXIF's equivalent focal length refers, and the default focal length of a phone
+focal_fusion: Two statements about one focal length, fused: a prior, and a measurement from the image
 intrinsics_label: Labels of intrinsics, such as `true` or `scaled:0.7`: parsing, order and display text
 lens_fisheye: OpenCV's fisheye (Kannala and Brandt, 2006) on normalised coordinates: forward, field, and the exact
     inverse

@@ -76,8 +76,8 @@ def locate(
     methods = load_methods([method])
     label, uncertain = camera_of_image(camera, grey.shape[1], grey.shape[0])
 
-    def view(camera: Camera) -> View:
-        return View(np.array(image), camera, diameter_m, saturation_dn=full_scale_dn, curve=wanted or UNKNOWN)
+    def view(given: UncertainCamera) -> View:
+        return View(np.array(image), given.camera, diameter_m, [], full_scale_dn, wanted or UNKNOWN, given.focal_sigma)
 
     given = SolverInput(
         diameter_m,

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.scenes.camera.model import Camera
+from roundel.scenes.camera.model import Camera, camera_problem
 from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve
 from roundel.scenes.errors import first_line
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
@@ -54,6 +54,11 @@ class View:
     curve : ResponseCurve
         The curve of the image's levels, as far as it is known; `curve.light(image / 255)` undoes it. `unknown` if
         nothing tells.
+    focal_sigma : float
+        Standard deviation of the camera's focal length, as a fraction of it; 0 if it is exact.
+    companions : callable
+        Returns the views of other images by the same camera, for methods that need several; an empty list if there are
+        none. It reads and decodes them when it is called.
     """
 
     image: NDArray[Any]
@@ -62,6 +67,8 @@ class View:
     markers: list[dict[str, Any]] = field(default_factory=list)
     saturation_dn: float = 255.0
     curve: ResponseCurve = UNKNOWN
+    focal_sigma: float = 0.0
+    companions: Callable[[], list[View]] = list
 
     @property
     def grey(self) -> NDArray[np.uint8]:
@@ -72,9 +79,13 @@ class View:
         return np.rint(np.clip(levels * (255.0 / self.saturation_dn), 0, 255)).astype(np.uint8)
 
 
+class MethodFailure(ValueError):
+    """Why a method has no answer for a frame, in one sentence: a marker that it cannot read, too few circles."""
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One detection, with at least one of pose, ellipse and centre.
+    """One detection, with at least one of pose, ellipse and centre, or the reason why it has none.
 
     Attributes
     ----------
@@ -90,6 +101,14 @@ class Found:
         Index of the pose that the method chooses; a single pose is always chosen.
     confidence : float, optional
         0 to 1.
+    identity : int, optional
+        The identity that the marker's code says.
+    focal_px, focal_sigma_px : float, optional
+        Focal length measured from this image alone, without the camera's, and its standard deviation.
+    camera : Camera, optional
+        The camera with which `poses` and `ellipse` were computed, if it is not `view.camera`.
+    failure : str
+        Why this detection has no answer; nothing else is then read.
     """
 
     poses: Sequence[tuple[ArrayLike, ArrayLike]] = ()
@@ -97,6 +116,11 @@ class Found:
     centre_px: ArrayLike | None = None
     chosen: int | None = None
     confidence: float | None = None
+    identity: int | None = None
+    focal_px: float | None = None
+    focal_sigma_px: float | None = None
+    camera: Camera | None = None
+    failure: str = ""
 
 
 Finder = Callable[[View], Sequence[Found]]
@@ -112,6 +136,10 @@ class Checked:
     centre_px: Array | None
     chosen: int | None
     confidence: float | None
+    identity: int | None
+    focal_px: float | None
+    focal_sigma_px: float | None
+    camera: Camera
 
 
 def check_found(found: object, view: View) -> Checked:
@@ -124,19 +152,49 @@ def check_found(found: object, view: View) -> Checked:
     """
     if not isinstance(found, Found):
         raise ValueError(f"it is a {type(found).__name__}, not a roundel.solver.methods.plugin.Found")
+    if found.failure:
+        raise MethodFailure(found.failure)
     ellipse = None if found.ellipse is None else _numbers("ellipse", found.ellipse, 5)
     if ellipse is not None and not ellipse[2] >= ellipse[3] > 0:
         raise ValueError(
             f"its ellipse has semi-axes a = {ellipse[2]:.6g}, b = {ellipse[3]:.6g} px; a >= b > 0 is needed"
         )
     centre_px = None if found.centre_px is None else _numbers("centre_px", found.centre_px, 2)
-    normal, centre, chosen = _poses(found, view)
+    camera = _camera(found, view)
+    normal, centre, chosen = _poses(found, view, camera)
     if normal is None and ellipse is None and centre_px is None:
         raise ValueError("it has neither a pose nor an ellipse nor a centre")
     confidence = None if found.confidence is None else float(_numbers("confidence", [found.confidence], 1)[0])
     if confidence is not None and not 0 <= confidence <= 1:
         raise ValueError(f"its confidence is {confidence:g}; it must be from 0 to 1")
-    return Checked(normal, centre, ellipse, centre_px, chosen, confidence)
+    identity = None if found.identity is None else int(_numbers("identity", [found.identity], 1)[0])
+    focal = _focal(found)
+    return Checked(normal, centre, ellipse, centre_px, chosen, confidence, identity, *focal, camera)
+
+
+def _camera(found: Found, view: View) -> Camera:
+    if found.camera is None:
+        return view.camera
+    if not isinstance(found.camera, Camera):
+        raise ValueError(f"its camera is a {type(found.camera).__name__}, not a roundel.Camera")
+    problem = camera_problem(found.camera)
+    if problem:
+        raise ValueError(f"its camera is invalid: {problem}")
+    return found.camera
+
+
+def _focal(found: Found) -> tuple[float | None, float | None]:
+    if found.focal_px is None:
+        return None, None
+    focal = float(_numbers("focal_px", [found.focal_px], 1)[0])
+    if focal <= 0:
+        raise ValueError(f"its focal length is {focal:.6g} px; it must be positive")
+    if found.focal_sigma_px is None:
+        return focal, None
+    sigma = float(_numbers("focal_sigma_px", [found.focal_sigma_px], 1)[0])
+    if sigma < 0:
+        raise ValueError(f"the standard deviation of its focal length is negative: {sigma:.6g} px")
+    return focal, sigma
 
 
 def _numbers(name: str, value: ArrayLike, count: int) -> Array:
@@ -151,7 +209,7 @@ def _numbers(name: str, value: ArrayLike, count: int) -> Array:
     return array
 
 
-def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | None]:
+def _poses(found: Found, view: View, camera: Camera) -> tuple[Array | None, Array | None, int | None]:
     try:
         pairs = [(_numbers("normal", n, 3), _numbers("centre_m", c, 3)) for n, c in found.poses]
     except TypeError as error:
@@ -170,7 +228,7 @@ def _poses(found: Found, view: View) -> tuple[Array | None, Array | None, int | 
             raise ValueError(f"its centre is behind the camera (z = {centre[2]:.6g} m)")
         if normal @ centre >= 0:
             raise ValueError("its normal points away from the camera; it must point out of the printed face")
-        seen = semi_axis_px(normal, centre, view.diameter_m, view.camera)
+        seen = semi_axis_px(normal, centre, view.diameter_m, camera)
         if seen < LEAST_SEMI_AXIS_PX:
             raise ValueError(
                 f"a circle of {view.diameter_m:g} m at {np.linalg.norm(centre):.4g} m would be {2 * seen:.2g} px wide; "

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 import numpy as np
 
@@ -20,51 +21,55 @@ from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.catalogue import CATALOGUE, listed
 from roundel.solver.methods.fit_poses import poses_of_fits
-from roundel.solver.methods.plugin import Checked, Finder, View, check_found
+from roundel.solver.methods.plugin import Checked, Finder, MethodFailure, View, check_found
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.roundel_fits import METHODS
 
 GROUP = "roundel.methods"
 NOTHING = "nothing found"
 
-# Roundel's own finders, loaded like plug-ins.
-_FINDERS = {
-    "blobs": ("roundel.solver.methods.opencv_centres:blobs", "centres only, by cv2.SimpleBlobDetector"),
-    "circles_grid": (
-        "roundel.solver.methods.opencv_centres:circles_grid",
-        "centres of a grid of dots, by cv2.findCirclesGrid",
-    ),
-}
-
 
 @dataclass(frozen=True)
 class Method:
-    """A method: its name, its source, what it does, and how to load it (None: one of Roundel's fits)."""
+    """A method: its name, its source, what it does, how to load it (None: one of Roundel's fits), and its markers."""
 
     name: str
     source: str
     about: str
     entry: EntryPoint | None = None
+    markers: tuple[str, ...] = ("circles",)
+    returns: str = "both poses"
+    paper: str = ""
 
 
 def installed_methods() -> list[Method]:
     """All methods, Roundel's first, including duplicates from several packages; imports none."""
     ours = [Method(name, "roundel", about) for name, about in METHODS.items()]
-    ours += [Method(name, "roundel", about, EntryPoint(name, at, GROUP)) for name, (at, about) in _FINDERS.items()]
+    ours += [
+        Method(m.name, "roundel", m.about, EntryPoint(m.name, m.at, GROUP), m.markers, m.returns, m.paper)
+        for m in CATALOGUE
+    ]
     theirs = []
     for entry in sorted(entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
         source = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "a package without a name"
         about = (entry.dist.metadata.json.get("summary") if entry.dist else None) or entry.value
-        theirs.append(Method(entry.name, source, " ".join(str(about).split()), entry))
+        theirs.append(Method(entry.name, source, " ".join(str(about).split()), entry, (), ""))
     return ours + theirs
 
 
 def method_lines() -> list[str]:
-    """One line per method: name, source, description."""
+    """Lines per method: name, source, description; then its markers, what it returns, and its paper."""
     methods = installed_methods()
     widths = [max(len(getattr(m, part)) for m in methods) for part in ("name", "source")]
-    return [f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}" for m in methods]
+    lines = []
+    for m in methods:
+        lines.append(f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}")
+        if m.markers:
+            reads = f"reads {', '.join(m.markers)}; returns {m.returns}" + (f"; {m.paper}" if m.paper else "")
+            lines.append(f"{'':<{sum(widths) + 4}}{reads}")
+    return lines
 
 
 def load_methods(methods: Sequence[str]) -> dict[str, Finder | None]:
@@ -91,7 +96,7 @@ def finder_of(name: str) -> Finder | None:
     if name in METHODS:
         return None
     # A package cannot override a name of Roundel.
-    offered = [m for m in installed_methods() if m.name == name and (name not in _FINDERS or m.source == "roundel")]
+    offered = [m for m in installed_methods() if m.name == name and (listed(name) is None or m.source == "roundel")]
     if not offered:
         hint = did_you_mean(name, _names()) or f"use {', '.join(_names())}"
         raise UsageError(f"unknown method {name!r}; {hint}")
@@ -141,7 +146,7 @@ def run_plugin(
         answer: object = finder(view)
         found = list(answer) if isinstance(answer, Iterable) and not isinstance(answer, str | bytes) else None
     except (Exception, SystemExit) as error:  # third-party code: a failure affects only this frame
-        return [failed(NOT_FOUND, _said(error))]
+        return [failed(NOT_FOUND, _said(error, typed=not isinstance(error, MethodFailure)))]
     if found is None:
         return [failed(NOT_FOUND, f"it returned {type(answer).__name__}, not a list of Found")]
     if not found:
@@ -150,6 +155,9 @@ def run_plugin(
     for n, one in enumerate(found):
         try:
             checked = check_found(one, view)
+        except MethodFailure as error:
+            out.append(failed(n, _said(error, typed=False)))
+            continue
         except ValueError as error:
             out.append(failed(n, f"detection {n}: {_said(error, typed=False)}"))
             continue
@@ -160,20 +168,21 @@ def run_plugin(
 def _estimate(
     found: Checked, uncertain: UncertainCamera, diameter_m: float, knowledge: Knowledge, key: EstimateKey
 ) -> Estimate:
+    also: dict[str, Any] = {
+        "confidence": found.confidence,
+        "centre_image": found.centre_px,
+        "identity": found.identity,
+        "focal_px": found.focal_px,
+        "focal_sigma_px": found.focal_sigma_px,
+    }
+    uncertain = replace(uncertain, camera=found.camera)
     if found.normal is None and found.ellipse is not None:
         # Roundel computes both poses; the method gave no covariance for its ellipse.
         unknown = np.full((5, 5), np.nan)
         fit = EllipseFit(found.ellipse, unknown, float("nan"), 0, unknown, np.empty(0))
         (posed,) = poses_of_fits([fit], uncertain, diameter_m / 2)
         made = estimate_of(fit, posed, uncertain, knowledge, key)
-        return replace(
-            made,
-            edge_points=None,
-            edge_sigma_px=None,
-            confidence=found.confidence,
-            centre_image=found.centre_px,
-            fit_used=key.method,
-        )
+        return replace(made, edge_points=None, edge_sigma_px=None, fit_used=key.method, **also)
     return Estimate(
         *key,
         status="ok",
@@ -181,13 +190,12 @@ def _estimate(
         camera=uncertain.camera,
         normal=found.normal,
         centre_m=found.centre_m,
-        centre_image=found.centre_px,
         chosen=found.chosen if found.normal is not None else 0,
         choice_basis=f"chosen by {key.method}" if found.chosen is not None else "",
-        confidence=found.confidence,
         focal_sigma=uncertain.focal_sigma,
         intrinsics_basis=uncertain.basis,
         fit_used=key.method,
+        **also,
     )
 
 

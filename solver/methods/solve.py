@@ -6,7 +6,6 @@ all are joined.
 
 from __future__ import annotations
 
-import copy
 import json
 import pickle
 import secrets
@@ -17,16 +16,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from roundel.datasets.layout.files import MANIFEST, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.worker_pool import in_order
-from roundel.scenes.camera.model import Camera
 from roundel.scenes.camera.response_curve import UNKNOWN
 from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.companions import companions_of, printed_markers
 from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
@@ -68,8 +69,8 @@ def solve_dataset(
     """Estimate the pose of every circle in a dataset.
 
     Every circle of a frame is assumed to have the diameter of the frame's first circular marker, because the solver
-    cannot distinguish markers. Frames without a circular marker (boards) are skipped. Frames in points mode start at
-    the fit.
+    cannot distinguish markers. Frames without a circular marker (boards, tags) are skipped, unless every method is a
+    plug-in. Frames in points mode start at the fit.
 
     Parameters
     ----------
@@ -111,7 +112,8 @@ def solve_dataset(
     loaded = load_methods(methods)
     check_knowledge(knowledge)
     images = open_images(dataset_path)
-    todo = _frames(images, _specs(intrinsics), groups, frames)
+    only_circles = any(finder is None for finder in loaded.values())
+    todo = _frames(images, _specs(intrinsics), groups, frames, only_circles)
     blocks, out = _blocks(todo), Path(out_path)
     run = _Run(images, loaded, knowledge)
     parts = [out / PARTS / name for name in _part_names(run, blocks)]
@@ -235,16 +237,26 @@ def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
 
 
 def _frames(
-    images: Images, specs: list[Intrinsics], groups: Sequence[str] | None, wanted: range | None
+    images: Images,
+    specs: list[Intrinsics],
+    groups: Sequence[str] | None,
+    wanted: range | None,
+    only_circles: bool,
 ) -> list[_Frame]:
-    """Frames with a circular marker; their cameras are made first, so that a wrong argument fails immediately."""
+    """Frames to solve; their cameras are made first, so that a wrong argument fails immediately.
+
+    `only_circles`: only frames with a circular marker.
+    """
     known = sorted(set(images.groups))
     for group in groups or ():
         if group not in known:
             raise UsageError(f"group {group!r}: the dataset has {', '.join(known)}")
     out = []
     for i, (frame_id, group) in enumerate(zip(images.frame_ids, images.groups, strict=True)):
-        diameters = [m["diameter_m"] for m in images.markers(i) if m["diameter_m"] is not None]
+        markers = images.markers(i)
+        diameters = [m["diameter_m"] for m in markers if m["diameter_m"] is not None]
+        if not diameters and not only_circles:
+            diameters = [_equivalent_diameter_m(marker) for marker in markers]
         if not diameters or (groups is not None and group not in groups):
             continue
         if wanted is not None and frame_id not in wanted:
@@ -257,6 +269,12 @@ def _frames(
         which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"
         raise UsageError(f"no frame with a circular marker{which}; give a group or frames that have one")
     return out
+
+
+def _equivalent_diameter_m(marker: dict[str, Any]) -> float:
+    """Diameter of the disc with the area of a print that is no circle; 1 m if an older dataset does not tell."""
+    width, height = marker.get("size_m") or (1.0, 1.0)
+    return float(np.sqrt(4 * width * height / np.pi))
 
 
 def _input(images: Images, frame: _Frame) -> SolverInput:
@@ -281,10 +299,18 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
         *processing_of(sensor.get("isp")),
     )
 
-    def view(camera: Camera) -> View:
+    def view(given: UncertainCamera) -> View:
         # Copies, so that a method's changes to its image or markers do not affect others.
-        markers = copy.deepcopy(images.markers(frame.index))
-        return View(delivered.copy(), camera, frame.diameter_m, markers, saturation, curve or UNKNOWN)
+        return View(
+            delivered.copy(),
+            given.camera,
+            frame.diameter_m,
+            printed_markers(images, frame.index),
+            saturation,
+            curve or UNKNOWN,
+            given.focal_sigma,
+            lambda: companions_of(images, frame.index, frame.diameter_m, given),
+        )
 
     linearise = None if curve else lambda found: grey_levels(delivered, found)
     about = photometry, linearise

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.blas_threads import one_blas_thread
-from roundel.scenes.camera.model import Camera, distorts
+from roundel.scenes.camera.model import distorts
 from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
@@ -53,7 +53,7 @@ class SolverInput:
     points_px : list of (N, 2) arrays
         Edge points of each circle, if there is no image.
     view : callable or None
-        Returns the delivered image with a camera for a third-party method, as a new copy each time; None without one.
+        Returns the delivered image with a camera for a plug-in, as a new copy each time; None without one.
     frame_id : int
     """
 
@@ -64,7 +64,7 @@ class SolverInput:
     photometry: Photometry = PLAIN
     linearise: Callable[[ResponseCurve], tuple[NDArray[Any], float]] | None = None
     points_px: tuple[Array, ...] = ()
-    view: Callable[[Camera], View] | None = None
+    view: Callable[[UncertainCamera], View] | None = None
     frame_id: int = 0
 
 
@@ -109,9 +109,7 @@ def solve_image(given: SolverInput, methods: Mapping[str, Finder | None], knowle
                 key = EstimateKey(given.frame_id, NOT_FOUND, name, label)
                 estimates.append(Estimate(*key, "failed", f"{name}: needs an image, but there are only points"))
             else:
-                estimates += run_plugin(
-                    name, finder, given.view(camera.camera), camera, knowledge, given.frame_id, label
-                )
+                estimates += run_plugin(name, finder, given.view(camera), camera, knowledge, given.frame_id, label)
     ended = time.perf_counter()
     first = (fitted or [*methods])[0], next(iter(given.cameras), "")
     found = {e.detection_id for e in estimates if (e.method, e.intrinsics) == first} - {NOT_FOUND}

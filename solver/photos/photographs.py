@@ -12,7 +12,6 @@ from pathlib import Path
 
 from roundel.datasets.layout.files import check_no_dataset, write_file
 from roundel.datasets.layout.worker_pool import in_order
-from roundel.scenes.camera.model import Camera
 from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
@@ -175,8 +174,9 @@ def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
         return PhotoResult(path.as_posix(), "failed", reason, estimates=rows)
     cameras, refused = _cameras(photo, specs)
 
-    def view(camera: Camera) -> View:
-        return View(photo.picture.copy(), camera, diameter_m, curve=photo.photometry.curve)
+    def view(given: UncertainCamera) -> View:
+        picture, curve = photo.picture.copy(), photo.photometry.curve
+        return View(picture, given.camera, diameter_m, curve=curve, focal_sigma=given.focal_sigma)
 
     linearise = None if photo.photometry.curve.known else photo.grey_by
     about = photo.photometry, linearise

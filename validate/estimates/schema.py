@@ -88,6 +88,14 @@ COLUMNS: tuple[Given, ...] = (
         "what the method's model did not hold for, sentences joined by semicolons; the report counts them",
         "none",
     ),
+    Given(("identity",), "integer", "", "what the marker's code says", "none was read"),
+    Given(
+        ("focal_px", "focal_sigma_px"),
+        "number",
+        "px",
+        "focal length measured from the image alone, and its standard deviation",
+        "none was measured",
+    ),
     Given(("status",), "`ok` or `failed`", "", "", "`failed` where pose, ellipse and centre are empty, else `ok`"),
     Given(("reason",), "text", "", "why it failed", "empty"),
 )

@@ -150,7 +150,7 @@ def test_a_dataset_of_tags_alone_is_rendered_verified_and_left_alone_by_the_solv
     assert (row["kind"], row["radius_m"], row["visible_fraction"]) == ("tags", None, 1.0)
     (marker,) = dataset.images.markers(0)
     layout = {"columns": 2, "rows": 2, "tag_m": 0.04, "gap_m": 0.01, "family": "apriltag_36h11", "first_id": 0}
-    assert marker == {"marker_id": 0, "kind": "tags", "diameter_m": None, "layout": layout}
+    assert marker == {"marker_id": 0, "kind": "tags", "diameter_m": None, "layout": layout, "size_m": [0.09, 0.09]}
     with pytest.raises(UsageError, match="no frame with a circular marker"):
         solve_dataset(tmp_path / "tags", tmp_path / "estimates")
     assert len(true_targets(dataset, 3.0)) == 0
