@@ -1,4 +1,4 @@
-"""Layers of a study: a preset, then shared keys, then a group's own keys."""
+"""Layers of a study: a preset, then shared keys, then a group's own keys, then those of a variant."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.scenes.study.values import is_spread
-from roundel.scenes.study.yaml_reader import read_yaml
+from roundel.scenes.study.yaml_reader import Marks, read_yaml
 
 # Mutually exclusive keys: setting one removes the other from the inherited layer.
 _EITHER = (
@@ -33,6 +33,32 @@ def deep_merge(below: Any, own: Any) -> Any:
 def _kind(section: dict[str, Any]) -> Any:
     """The kind of a section; a world that names a scene needs no other."""
     return section.get("kind", "scene" if "scene" in section else None)
+
+
+def with_variants(groups: dict[str, Any], variants: dict[str, Any], marks: Marks) -> tuple[dict[str, Any], Marks]:
+    """Every group with the keys of every variant over its own, named `GROUP.VARIANT`.
+
+    The groups of one origin share their draws: all but the first are `paired_with` it, so that variants are compared
+    on the same poses.
+
+    Parameters
+    ----------
+    groups, variants : dict
+        By name, as written in the study.
+    marks : dict
+        Positions in the file; those of a group and of a variant also apply to the groups made of them.
+    """
+    made: dict[str, Any] = {}
+    placed = dict(marks)
+    first = next(iter(variants))
+    for group, own in groups.items():
+        for variant, keys in variants.items():
+            name = f"{group}.{variant}"
+            paired = {} if variant == first else {"paired_with": f"{group}.{first}"}
+            made[name] = deep_merge(deep_merge(own, paired), keys)
+            for origin in (("groups", group), ("variants", variant)):
+                placed |= {("groups", name, *k[2:]): place for k, place in marks.items() if k[:2] == origin}
+    return made, placed
 
 
 @lru_cache(maxsize=1)

@@ -251,6 +251,12 @@ def json_schema() -> dict[str, Any]:
                 "minProperties": 1,
                 "description": "groups of frames by name, each with keys that replace the shared ones",
             },
+            "variants": {
+                "type": "object",
+                "additionalProperties": overrides,
+                "minProperties": 1,
+                "description": "repeats every group with the keys of each variant, on the same draws: GROUP.VARIANT",
+            },
         },
         "required": ["schema", "name"],
         "additionalProperties": False,

@@ -17,7 +17,7 @@ from roundel.scenes.assets.light_map import map_sha256
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import StudyError, did_you_mean
 from roundel.scenes.study.identity import study_digest
-from roundel.scenes.study.layers import deep_merge, preset, preset_names
+from roundel.scenes.study.layers import deep_merge, preset, preset_names, with_variants
 from roundel.scenes.study.light_section import LAMPS, LightSection
 from roundel.scenes.study.marker_section import KINDS as MARKERS
 from roundel.scenes.study.sampling import frame_count
@@ -230,21 +230,18 @@ def load_study(path: str | Path) -> Study:
     raw, marks = read_yaml(path)
     if not isinstance(raw, dict):
         raise StudyError("a study is a mapping of keys", path)
+    top = [*_HEAD, *_SHARED, "groups", "variants"]
     for key in raw:
-        if key not in (*_HEAD, *_SHARED, "groups"):
-            raise StudyError(f"{key}: unknown key{_nearest(key, [*_HEAD, *_SHARED, 'groups'])}", path, *marks[(key,)])
+        if key not in top:
+            raise StudyError(f"{key}: unknown key{_nearest(key, top)}", path, *marks[(key,)])
     head: Head = validated(Head, {k: raw[k] for k in _HEAD if k in raw}, path, marks, None)
     shared = {k: raw[k] for k in _SHARED if k in raw}
-    own = raw.get("groups", {DEFAULT_GROUP: {}})
-    if not isinstance(own, dict) or not own:
-        raise StudyError("groups: needs at least one group, as a mapping of names", path, *marks[("groups",)])
+    own = _named_sections(raw.get("groups", {DEFAULT_GROUP: {}}), "groups", path, marks)
+    if "variants" in raw:
+        variants = _named_sections(raw["variants"], "variants", path, marks)
+        own, marks = with_variants(own, variants, marks)
     groups: dict[str, GroupSection] = {}
     for name, section in own.items():
-        place = marks.get(("groups", name), (1, 1))
-        if not name.replace("_", "").replace("-", "").isalnum():
-            raise StudyError(f"groups.{name}: a group name may contain only letters, digits, - and _", path, *place)
-        if not isinstance(section, dict):
-            raise StudyError(f"groups.{name}: a group is a mapping of keys", path, *place)
         named = section.get("preset", shared.get("preset"))
         layers = [_preset(named, path, _place(marks, name, ("preset",))), shared, section]
         merged = reduce(deep_merge, layers)
@@ -254,6 +251,26 @@ def load_study(path: str | Path) -> Study:
     _check_references(study)
     _check_colours(study)
     return _with_checksums(study)
+
+
+def _named_sections(raw: Any, what: str, path: Path, marks: Marks) -> dict[str, dict[str, Any]]:
+    """Groups or variants by name, as written.
+
+    Raises
+    ------
+    StudyError
+        If they are not a mapping of names to keys.
+    """
+    one = what[:-1]
+    if not isinstance(raw, dict) or not raw:
+        raise StudyError(f"{what}: needs at least one {one}, as a mapping of names", path, *marks[(what,)])
+    for name, section in raw.items():
+        place = marks.get((what, name), (1, 1))
+        if not name.replace("_", "").replace("-", "").isalnum():
+            raise StudyError(f"{what}.{name}: a {one} name may contain only letters, digits, - and _", path, *place)
+        if not isinstance(section, dict):
+            raise StudyError(f"{what}.{name}: a {one} is a mapping of keys", path, *place)
+    return raw
 
 
 def _preset(name: Any, path: Path, place: tuple[int, int]) -> dict[str, Any]:

@@ -13,14 +13,14 @@ from roundel.solver.methods.plugin import View
 # Views of one set, the frame's own included: enough for a camera's five numbers, and few enough to solve each frame.
 SET_SIZE = 6
 
-_RECORD = ("width_px", "height_px", "mode", "K", "distortion", "distortion_model")
+_SHARED = ("group", "width_px", "height_px", "mode", "K", "distortion", "distortion_model")
 
 
 def companions_of(images: Images, index: int, diameter_m: float, given: UncertainCamera) -> list[View]:
-    """Views of the other frames of a frame's set: consecutive frames of its group by the same camera.
+    """Views of the other frames of a frame's set: frames of its group by the same camera.
 
-    The frames of a group are cut into sets of `SET_SIZE` in their order, so that all frames of a set have the same
-    companions. That the camera is the same is known to the user; what it is, is not told.
+    The frames of a group by one camera are cut into sets of `SET_SIZE` in their order, so that all frames of a set have
+    the same companions. That the camera is the same is known to the user; what it is, is not told.
 
     Parameters
     ----------
@@ -32,11 +32,9 @@ def companions_of(images: Images, index: int, diameter_m: float, given: Uncertai
     given : UncertainCamera
         The camera for the views.
     """
-    record, group = images.records[index], images.groups
-    same = [i for i, other in enumerate(group) if other == group[index]]
+    own = images.records[index]
+    same = [i for i, other in enumerate(images.records) if all(other.get(key) == own.get(key) for key in _SHARED)]
     start = same.index(index) // SET_SIZE * SET_SIZE
-    others = (i for i in same[start : start + SET_SIZE] if i != index and images.mode(i) == "images")
-    alike = (i for i in others if all(images.records[i].get(key) == record.get(key) for key in _RECORD))
     return [
         View(
             images.image(i),
@@ -47,7 +45,8 @@ def companions_of(images: Images, index: int, diameter_m: float, given: Uncertai
             images.curve(i) or UNKNOWN,
             given.focal_sigma,
         )
-        for i in alike
+        for i in same[start : start + SET_SIZE]
+        if i != index
     ]
 
 

@@ -71,3 +71,44 @@ def test_an_unknown_preset_is_named_with_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="preset: unknown preset 'phones'; did you mean phone") as caught:
         study(tmp_path, "preset: phones\nmarker: {kind: disc, diameter_m: 0.08}\nframes: 4\n")
     assert caught.value.line == 3
+
+
+VARIED = """
+seed: 4
+camera: {width_px: 96, height_px: 80, focal_px: 120}
+pose: {distance_m: {uniform: [0.3, 0.4]}, tilt_deg: {uniform: [10, 40]}}
+frames: 3
+groups:
+  near: {}
+  far: {pose: {distance_m: {uniform: [0.5, 0.6]}}}
+variants:
+  disc: {marker: {kind: disc, diameter_m: 0.08}}
+  tag: {marker: {kind: tags, tag_m: 0.07}}
+"""
+
+
+def test_every_variant_of_a_group_has_the_same_poses(tmp_path: Path) -> None:
+    found = study(tmp_path, VARIED)
+    assert list(found.groups) == ["near.disc", "near.tag", "far.disc", "far.tag"]
+    assert [group.paired_with for group in found.groups.values()] == [None, "near.disc", None, "far.disc"]
+    frames = frames_of(found)
+    poses = {(f.group, f.index): f.camera_from_sheet for f in frames}
+    for group in ("near", "far"):
+        for i in range(3):
+            assert (poses[f"{group}.disc", i] == poses[f"{group}.tag", i]).all()
+    assert (poses["near.disc", 0] != poses["far.disc", 0]).any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{a.b: {}}", r":11:\d+: variants.a.b: a variant name may contain only letters"),
+        ("[a]", r":11:1: variants: needs at least one variant"),
+        ("{a: 3}", r":11:\d+: variants.a: a variant is a mapping of keys"),
+        ("{a: {marker: {kind: disc, diameter_m: -1}}}", r":11:37: marker.diameter_m: "),
+    ],
+)
+def test_an_error_in_a_variant_has_its_position(tmp_path: Path, text: str, message: str) -> None:
+    raw = VARIED[: VARIED.index("variants:")]
+    with pytest.raises(StudyError, match=message):
+        study(tmp_path, raw + f"variants: {text}\n")
