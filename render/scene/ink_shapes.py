@@ -169,8 +169,11 @@ def _sectors(mi: Any, shape: Sectors, softness: Any) -> Cover:
         return index, index * step
 
     def ink(sector: Any, ring: Any) -> Any:
-        # One extra turn, so that a ramp across +X continues from its start.
-        column = (mi.Int32(sector) + sectors) % sectors
+        # A ramp across +X continues from its start. No remainder: in a lane without a hit the divisor would be 0, and
+        # the process would be killed.
+        column = mi.Int32(sector)
+        column = dr.select(column < 0, column + sectors, column)
+        column = dr.clip(dr.select(column >= sectors, column - sectors, column), 0, sectors - 1)
         inside = (ring >= 0) & (ring < mi.Float(rings))
         place = mi.UInt32(dr.clip(mi.Int32(ring), 0, rings - 1) * sectors + column)
         return inside & (dr.gather(mi.UInt32, table, place, inside) == 1)

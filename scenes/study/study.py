@@ -266,7 +266,9 @@ def _named_sections(raw: Any, what: str, path: Path, marks: Marks) -> dict[str, 
         raise StudyError(f"{what}: needs at least one {one}, as a mapping of names", path, *marks[(what,)])
     for name, section in raw.items():
         place = marks.get((what, name), (1, 1))
-        if not name.replace("_", "").replace("-", "").isalnum():
+        # A dot joins a group and its variant, in the resolved study of a dataset.
+        dots = what == "groups" and ("variants",) not in marks
+        if not "".join(c for c in name if c not in ("-_." if dots else "-_")).isalnum():
             raise StudyError(f"{what}.{name}: a {one} name may contain only letters, digits, - and _", path, *place)
         if not isinstance(section, dict):
             raise StudyError(f"{what}.{name}: a {one} is a mapping of keys", path, *place)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ class Run:
     `cameras[camera[i]]` is the camera that row i used; `ok[i]` tells whether it has a detection, `posed[i]` whether the
     detection has a pose. `ellipse` is NaN if there is none; `centre_px` is the image of the circle's centre in the
     delivered image, for a pose its projection. `filled` lists the defaults that were used; `caveats` has those of each
-    row.
+    row. `identity`, `focal_px` and `focal_sigma_px` are NaN where the method gives none.
     """
 
     method: str
@@ -53,6 +53,9 @@ class Run:
     reason: list[str]
     filled: tuple[str, ...] = ()
     caveats: tuple[tuple[str, ...], ...] = ()
+    identity: Array = field(default_factory=lambda: np.empty(0))
+    focal_px: Array = field(default_factory=lambda: np.empty(0))
+    focal_sigma_px: Array = field(default_factory=lambda: np.empty(0))
 
 
 def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
@@ -136,7 +139,7 @@ def _is_ok(table: pa.Table) -> NDArray[np.bool_]:
 
 def _floats(table: pa.Table, names: tuple[str, ...]) -> Array:
     # Nulls become NaN.
-    return np.stack([np.asarray(table[name].to_numpy(), dtype=np.float64) for name in names], axis=-1)
+    return np.stack([np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64) for name in names], axis=-1)
 
 
 def _lenses(table: pa.Table) -> list[tuple[tuple[float, ...], str]]:
@@ -204,6 +207,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         [reason or "" for reason in table["reason"].to_pylist()],
         tuple(what for what, is_so in filled.items() if is_so),
         tuple(_sentences(text or "") for text in table["caveats"].to_pylist()),
+        *_floats(table, ("identity", "focal_px", "focal_sigma_px")).T,
     )
 
 

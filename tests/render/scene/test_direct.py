@@ -44,3 +44,18 @@ def test_direct_light_agrees_with_mitsubas_integrator(mi, tmp_path: Path, lamps:
     ratio = (mean - other) / np.sqrt(variance + noise + 1e-12)
     # Of pixels whose noise is known from eight replicates: the RMS of such ratios is 1.1 to 1.3.
     assert np.sqrt(np.mean(np.square(np.clip(ratio, -5, 5)))) < 1.4
+
+
+def test_sectors_behind_a_card_are_traced(mi, tmp_path: Path) -> None:
+    """Where a ray hits no sheet, the numbers of its ink are 0: a remainder by the number of sectors killed the process."""
+    import drjit as dr
+
+    sectors = "marker: {kind: coded_rings, diameter_m: 0.08, code: ['1100110101001101']}"
+    frame = frame_of(
+        small_study(tmp_path, (LIGHT, f"{LIGHT}\n{CARD}"), ("marker: {kind: disc, diameter_m: 0.08}", sectors)), 1
+    )
+    built = build_scene(mi, frame)
+    shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), lambda s, r: trace_built(built, s, r))
+    mean = _estimate(shot, np.arange(frame.camera.width_px * frame.camera.height_px), 16, 5, ())[0]
+    assert np.isfinite(mean).all()
+    assert mean.max() > 4 * mean.min()
