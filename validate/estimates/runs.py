@@ -139,7 +139,8 @@ def _is_ok(table: pa.Table) -> NDArray[np.bool_]:
 
 def _floats(table: pa.Table, names: tuple[str, ...]) -> Array:
     # Nulls become NaN.
-    return np.stack([np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64) for name in names], axis=-1)
+    columns = (table[name].to_numpy(zero_copy_only=False) for name in names)
+    return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=-1)
 
 
 def _lenses(table: pa.Table) -> list[tuple[tuple[float, ...], str]]:

@@ -47,7 +47,7 @@ def test_direct_light_agrees_with_mitsubas_integrator(mi, tmp_path: Path, lamps:
 
 
 def test_sectors_behind_a_card_are_traced(mi, tmp_path: Path) -> None:
-    """Where a ray hits no sheet, the numbers of its ink are 0: a remainder by the number of sectors killed the process."""
+    """Where a ray hits no sheet its ink's numbers are 0: a remainder by the number of sectors killed the process."""
     import drjit as dr
 
     sectors = "marker: {kind: coded_rings, diameter_m: 0.08, code: ['1100110101001101']}"
