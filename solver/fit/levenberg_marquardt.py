@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for the five parameters of an ellipse, with few function evaluations."""
+"""Levenberg-Marquardt for a few parameters, as the five of an ellipse, with few function evaluations."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def minimise(
 
     Parameters
     ----------
-    theta : (5,) array
+    theta : (P,) array
         Valid starting value.
     rows_at : callable
-        theta to (6, N): derivatives of the residuals by theta, followed by the residuals.
+        theta to (P + 1, N): derivatives of the residuals by theta, followed by the residuals.
     valid : callable
         Whether theta is allowed; invalid steps are shortened.
     smallest_step : float
@@ -39,32 +39,32 @@ def minimise(
 
     Returns
     -------
-    theta : (5,) array
-    rows : (6, N) array
+    theta : (P,) array
+    rows : (P + 1, N) array
     """
-    damping = 1e-4
+    damping, p = 1e-4, len(theta)
     rows = rows_at(theta)
     for _ in range(_MAX_ITERATIONS):
-        weight = 1.0 if weight_of is None else weight_of(rows[5])
+        weight = 1.0 if weight_of is None else weight_of(rows[p])
         weighted = rows * weight if weight_of is not None else rows
         gram = weighted @ rows.T
-        normal, gradient = gram[:5, :5], gram[:5, 5]
-        cost = float(weighted[5] @ rows[5])
+        normal, gradient = gram[:p, :p], gram[:p, p]
+        cost = float(weighted[p] @ rows[p])
         scale = normal.diagonal() + (normal.diagonal() <= 0)
         moved = False
         while damping < 1e10 and not moved:
             try:
                 step = np.asarray(-np.linalg.solve(normal + np.diag(damping * scale), gradient), dtype=np.float64)
-            except np.linalg.LinAlgError:  # the points do not determine all five parameters
+            except np.linalg.LinAlgError:  # the points do not determine all parameters
                 damping *= 10.0
                 continue
             trial = theta + step
             if valid(trial):
                 if float(np.abs(step).max()) < smallest_step:
-                    rows[5] += step @ rows[:5]
+                    rows[p] += step @ rows[:p]
                     return trial, rows
                 new = rows_at(trial)
-                moved = float((new[5] * weight) @ new[5]) <= cost
+                moved = float((new[p] * weight) @ new[p]) <= cost
                 if moved:
                     theta, rows = trial, new
             damping = max(damping * 0.1, 1e-12) if moved else damping * 10.0

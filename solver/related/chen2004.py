@@ -1,0 +1,176 @@
+"""Chen 2004: focal length, normal and centres from two or more coplanar circles, by a search over the focal length.
+
+For a focal length f, each ellipse has two supporting planes. In coordinates with the principal point at the origin,
+with the eigenvalues l1 >= l2 > 0 > l3 of diag(1, 1, 1/f) C diag(1, 1, 1/f) (C negative inside) and eigenvectors V,
+
+    n = V [S2 h, 0, -S1 g]^T,    g = sqrt((l2 - l3) / (l1 - l3)),    h = sqrt((l1 - l2) / (l1 - l3)),    S1, S2 = +-1.
+
+At the true focal length one normal of each circle is that of the common plane. The search minimises the angle between
+the closest normals of the circles over log f, with both normals of the first circle carried through; then all unknowns
+are refined together (`roundel.solver.pose.coplanar_circles`). These eigenvectors are those of `circle_pose`, whose
+one-sided Jacobi method is used for them.
+
+The cost is shaped like a V, so intervals are narrowed, not derivatives followed; where the plane is parallel to the
+image every focal length explains the circles, which is refused.
+
+Source: Q. Chen, H. Wu, T. Wada, Camera calibration with two arbitrary coplanar circles, ECCV (2004), sections 3 and 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.scenes.geometry.conic import ellipse_of_conic
+from roundel.scenes.geometry.pose import angle_deg
+from roundel.solver.pose.circle_pose import poses_from_ellipse
+
+Array = NDArray[np.float64]
+
+# Focal lengths that are searched, in units of the distance from the principal point to the farthest ellipse.
+_SHORTEST, _LONGEST = 0.12, 100.0
+_STEPS = 160
+_ZOOM = 20  # points of an interval that is narrowed
+_ROUNDS = 12  # each narrows it to a tenth
+_STEEPEST_DEG = 90.0  # fastest turn of a normal with log f: d tan = tan, so half a radian, for two normals
+_FLAT = 1.05  # a focal length that is wrong by this factor must explain the circles worse
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneOfCircles:
+    """A focal length with the plane of the circles.
+
+    Attributes
+    ----------
+    focal_px : float
+    normal : (3,) array
+        Mean of the closest normals, toward the camera.
+    centre_image_px : (n, 2) array
+        Images of the circles' centres.
+    angle_deg : float
+        Largest angle between the closest normals and their mean.
+    """
+
+    focal_px: float
+    normal: Array
+    centre_image_px: Array
+    angle_deg: float
+
+
+def planes_of_circles(
+    conics: ArrayLike, principal_point: ArrayLike, tolerance_deg: float = 1e-4
+) -> list[PlaneOfCircles]:
+    """All focal lengths at which the circles lie in one plane, the best first.
+
+    Parameters
+    ----------
+    conics : (n, 3, 3) array_like
+        Images of two circles or more, in undistorted, square pixels.
+    principal_point : (2,) array_like
+    tolerance_deg : float
+        Largest angle between the normals. For exact conics the search ends at about 1e-9 degrees.
+
+    Returns
+    -------
+    list of PlaneOfCircles
+        One, or two if one circle lies inside the other without being concentric.
+
+    Raises
+    ------
+    ValueError
+        If there is one circle only, a conic is not an ellipse, no focal length makes the circles coplanar, or every
+        focal length does.
+    """
+    c = np.asarray(conics, dtype=np.float64)
+    if c.ndim != 3 or len(c) < 2:
+        raise ValueError("two coplanar circles or more are needed; one circle alone does not determine a focal length")
+    pp = np.asarray(principal_point, dtype=np.float64)
+    ellipses = ellipse_of_conic(c) - np.array([pp[0], pp[1], 0.0, 0.0, 0.0])
+    size = float(np.max(np.hypot(ellipses[:, 0], ellipses[:, 1]) + ellipses[:, 2]))
+    ellipses = ellipses / np.array([size, size, size, size, 1.0])
+    log_f = np.linspace(math.log(_SHORTEST), math.log(_LONGEST), _STEPS)
+    step = float(log_f[1] - log_f[0])
+    out: list[PlaneOfCircles] = []
+    smallest = math.inf
+    normals = _normals(log_f, ellipses)
+    for first in (0, 1):
+        cost = _spread_deg(normals, first)
+        ends = np.concatenate([[np.inf], cost, [np.inf]])
+        for i in np.flatnonzero((cost <= ends[:-2]) & (cost <= ends[2:])):
+            smallest = min(smallest, float(cost[i]))
+            if cost[i] > _STEEPEST_DEG * step + tolerance_deg:
+                continue
+            best, angle = _narrowed(float(log_f[i]), step, ellipses, first)
+            smallest = min(smallest, angle)
+            if angle > tolerance_deg or any(abs(math.log(o.focal_px / size) - best) < 1e-3 for o in out):
+                continue
+            beside = _cost(best + math.log(_FLAT) * np.array([-1.0, 1.0]), ellipses, first)
+            if float(beside.min()) <= tolerance_deg:
+                raise ValueError(
+                    "the circles are parallel to the image within the tolerance: every focal length explains them; "
+                    "tilt their plane"
+                )
+            out.append(_plane(best, ellipses, first, angle, size, pp))
+    if not out:
+        raise ValueError(
+            f"no focal length makes the circles coplanar: their normals stay {smallest:.2g} degrees apart; they lie in "
+            "different planes, or are not circles"
+        )
+    return sorted(out, key=lambda plane: plane.angle_deg)
+
+
+def _normals(log_f: Array, ellipses: Array) -> Array:
+    """Both normals of each circle (m, n, 2, 3) for each focal length."""
+    f = np.exp(log_f)
+    k = np.zeros((len(f), 1, 3, 3))
+    k[:, 0, 0, 0], k[:, 0, 1, 1], k[:, 0, 2, 2] = f, f, 1.0
+    return poses_from_ellipse(ellipses[None], k, 1.0).normal
+
+
+def _closest(normals: Array, first: int) -> tuple[Array, Array]:
+    """Of each circle the normal closest to one of the first circle's: their mean (m, 3), and each (m, n, 3)."""
+    reference = normals[:, 0, first]
+    mean = reference
+    # Closest to the first circle's normal, then to the mean of those: the choice does not depend on one noisy ellipse.
+    for _ in range(2):
+        which = np.argmax(np.sum(normals * mean[:, None, None], axis=-1), axis=-1)
+        chosen = np.take_along_axis(normals, which[..., None, None], axis=2)[:, :, 0]
+        chosen[:, 0] = reference
+        mean = chosen.mean(axis=1)
+        mean = mean / np.linalg.norm(mean, axis=-1, keepdims=True)
+    return mean, chosen
+
+
+def _spread_deg(normals: Array, first: int) -> Array:
+    mean, chosen = _closest(normals, first)
+    return np.asarray(np.max(angle_deg(chosen, mean[:, None]), axis=-1))
+
+
+def _cost(log_f: Array, ellipses: Array, first: int) -> Array:
+    return _spread_deg(_normals(log_f, ellipses), first)
+
+
+def _narrowed(log_f: float, reach: float, ellipses: Array, first: int) -> tuple[float, float]:
+    """Place and value of the least cost within `reach`."""
+    value = math.inf
+    for _ in range(_ROUNDS):
+        trial = log_f + reach * np.linspace(-1.0, 1.0, _ZOOM + 1)
+        cost = _cost(trial, ellipses, first)
+        i = int(np.argmin(cost))
+        log_f, value, reach = float(trial[i]), float(cost[i]), reach * 2.0 / _ZOOM
+    return log_f, value
+
+
+def _plane(
+    log_f: float, ellipses: Array, first: int, angle: float, size: float, principal_point: Array
+) -> PlaneOfCircles:
+    f = math.exp(log_f)
+    normal = _closest(_normals(np.array([log_f]), ellipses), first)[0][0]
+    poses = poses_from_ellipse(ellipses, np.diag([f, f, 1.0]), 1.0)
+    which = np.argmax(poses.normal @ normal, axis=-1)
+    centre = np.take_along_axis(poses.centre_m, which[:, None, None], axis=1)[:, 0]
+    image = f * centre[:, :2] / centre[:, 2:]
+    return PlaneOfCircles(f * size, normal, image * size + principal_point, angle)

@@ -1,0 +1,185 @@
+"""Gurdjos 2006: two or more parallel circles give the image of the circular points, by the pencils of their conics.
+
+The images of two circles of one plane, or of parallel planes, meet in four points, of which two are the images of the
+circular points. The pencil C1 - lambda C2 has three degenerate members, one for each generalised eigenvalue; each is a
+pair of lines through the four points, and exactly one has the vanishing line v among its lines.
+
+Choice of the member by its projective signature (#positive, #negative eigenvalues, as an unordered pair), and of the
+line:
+
+- two real eigenvalues and a double one, a member of rank 1, signature (1, 0): concentric circles, the line is v;
+- three real eigenvalues: the member of signature (1, 1), a pair of real lines: v and the radical axis. The others,
+  (2, 0), are points. A circle that is entirely in front of the camera does not meet v, and lies on the same side of it
+  as all others: the radical axis of two circles beside each other lies between them;
+- one real eigenvalue: the circles meet in two real points; its member is v and the common chord, which cuts both.
+
+What remains: if one circle lies inside the other and they are not concentric, the radical axis lies outside both, like
+v. Both lines are then returned; only a third circle, or a prior of the focal length, decides.
+
+Cinf* follows from each circle and v, and is averaged (`dual_circular_points`).
+
+Source: P. Gurdjos, P. Sturm, Y. Wu, Euclidean structure from N >= 2 parallel circles: theory and algorithms, ECCV
+(2006), sections 3 to 5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.scenes.geometry.conic import ellipse_of_conic
+from roundel.solver.related.dual_circular_points import (
+    dual_circular_points,
+    focal_from_dual,
+    image_frame,
+    moved_conic,
+)
+
+Array = NDArray[np.float64]
+
+# Relative difference of two eigenvalues that count as one: the root of the rounding of a conic, 1e-16 of 1, is 1e-8.
+_DOUBLE = 1e-7
+_UNIT_PX = 1000.0  # of the order of a focal length, so that the elements of a dual conic are of the same order
+
+
+@dataclass(frozen=True, eq=False)
+class CircularPoints:
+    """A vanishing line with the dual conic of its circular points, in pixels.
+
+    Attributes
+    ----------
+    line : (3,) array
+        Unit norm, positive at the circles.
+    dual : (3, 3) array
+        Cinf*, mean over the circles, of unit Frobenius norm.
+    spread : float
+        RMS difference of the lines of all pairs of circles, in radians of homogeneous coordinates whose unit is the
+        size of the image; 0 for one pair.
+    """
+
+    line: Array
+    dual: Array
+    spread: float
+
+    def focal_px(self, principal_point: ArrayLike) -> float:
+        """Focal length for square pixels and a known principal point.
+
+        Raises
+        ------
+        ValueError
+            If no focal length fits, or all do because the plane is parallel to the image.
+        """
+        frame = image_frame(principal_point, _UNIT_PX)
+        return _UNIT_PX * focal_from_dual(frame @ self.dual @ frame.T)
+
+
+def circular_points_of_circles(conics: ArrayLike, tolerance: float = 1e-6) -> list[CircularPoints]:
+    """Images of the circular points of two or more parallel circles; all solutions.
+
+    Parameters
+    ----------
+    conics : (n, 3, 3) array_like
+        In undistorted pixels of any camera.
+    tolerance : float
+        Largest `spread` of more than two circles.
+
+    Returns
+    -------
+    list of CircularPoints
+        One; two for two circles one of which is inside the other, without being concentric.
+
+    Raises
+    ------
+    ValueError
+        If there is one circle only, or a conic is no ellipse, or two are the same; or if no line is a vanishing line of
+        all circles, so that they are not parallel.
+    """
+    c = np.asarray(conics, dtype=np.float64)
+    if c.ndim != 3 or len(c) < 2:
+        raise ValueError("two parallel circles or more are needed; one circle alone has no pencil")
+    ellipses = ellipse_of_conic(c)
+    middle = ellipses[:, :2].mean(axis=0)
+    size = float(np.max(np.hypot(*(ellipses[:, :2] - middle).T) + ellipses[:, 2]))
+    frame = image_frame(middle, size)
+    moved = moved_conic(c, frame)
+    centres = np.column_stack([(ellipses[:, :2] - middle) / size, np.ones(len(c))])
+    pairs = [lines_of_pencil(moved[[i, j]], centres[[i, j]]) for i, j in combinations(range(len(c)), 2)]
+    outside = [[line for line in lines if _clear(line, moved, centres)] for lines in pairs]
+    if not all(outside):
+        raise ValueError(
+            "the circles are not parallel: each line of their pencil meets one of them or separates them, so none is the "
+            "vanishing line of all"
+        )
+    if len(c) == 2:
+        merged = [(line, 0.0) for line in outside[0]]
+    else:
+        merged = _agreeing(outside, tolerance)
+    out = []
+    for line, spread in merged:
+        line = np.copysign(1.0, centres[0] @ line) * line
+        dual = dual_circular_points(moved, line).mean(axis=0)
+        back = np.linalg.inv(frame)
+        dual = back @ dual @ back.T
+        in_px = line @ frame
+        out.append(CircularPoints(in_px / np.linalg.norm(in_px), dual / np.linalg.norm(dual), spread))
+    return out
+
+
+def lines_of_pencil(conics: Array, centres: Array) -> list[Array]:
+    """Real lines of the degenerate members of the pencil of two conics (2, 3, 3), of unit norm.
+
+    Parameters
+    ----------
+    conics : (2, 3, 3) array
+        Positive inside, in coordinates of the order of one.
+    centres : (2, 3) array
+        A point inside each.
+    """
+    values = np.linalg.eigvals(np.linalg.solve(conics[1], conics[0]))
+    scale = float(np.max(np.abs(values)))
+    real = np.real(values[np.abs(np.imag(values)) <= _DOUBLE * scale])
+    gaps = [abs(a - b) for a, b in combinations(real, 2)]
+    close = min(gaps, default=np.inf) <= _DOUBLE * scale
+    if close:
+        i, j = min(combinations(range(len(real)), 2), key=lambda ij: abs(real[ij[0]] - real[ij[1]]))
+        member = conics[0] - 0.5 * (real[i] + real[j]) * conics[1]
+        weights, vectors = np.linalg.eigh(member)
+        return [vectors[:, int(np.argmax(np.abs(weights)))]]
+    out: list[Array] = []
+    for value in real:
+        weights, vectors = np.linalg.eigh(conics[0] - value * conics[1])
+        # Ascending, with the one that is zero in the middle: signature (1, 1).
+        if weights[0] < 0 < weights[2] and abs(weights[1]) < min(-weights[0], weights[2]):
+            plus, minus = np.sqrt(weights[2]) * vectors[:, 2], np.sqrt(-weights[0]) * vectors[:, 0]
+            out += [line / np.linalg.norm(line) for line in (plus + minus, plus - minus)]
+    return out
+
+
+def _clear(line: Array, conics: Array, centres: Array) -> bool:
+    """Whether a line meets none of the ellipses and has all of them on one side."""
+    side = centres @ line
+    reach = np.einsum("i,nij,j->n", line, np.linalg.inv(conics), line)  # positive where it does not meet the ellipse
+    return bool((np.all(side > 0) or np.all(side < 0)) and np.all(reach > 0))
+
+
+def _agreeing(pairs: list[list[Array]], tolerance: float) -> list[tuple[Array, float]]:
+    """The line on which all pairs agree best, oriented, and the RMS of their differences."""
+    best: tuple[Array, float] | None = None
+    for start in pairs[0]:
+        mean = start
+        for _ in range(3):
+            chosen = np.array([max(lines, key=lambda line: abs(float(line @ mean))) for lines in pairs])
+            mean = np.linalg.svd(chosen)[2][0]
+        apart = np.linalg.norm(np.cross(chosen, mean), axis=1)
+        spread = float(np.sqrt(np.mean(apart**2)))
+        if best is None or spread < best[1]:
+            best = mean, spread
+    assert best is not None
+    if best[1] > tolerance:
+        raise ValueError(
+            f"the circles are not parallel: the vanishing lines of their pairs differ by {best[1]:.2g} of the image's size"
+        )
+    return [best]
