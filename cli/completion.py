@@ -14,7 +14,7 @@ from roundel.configs.shipped import study_names
 METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
 KINDS = (
     "disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard",
-    "chessboard", "charuco", "tags",
+    "chessboard", "circle_grid", "charuco", "tags",
 )  # fmt: skip
 PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (

@@ -205,7 +205,7 @@ def _add_tools(add: AddVerb) -> None:
         "kind",
         metavar="KIND",
         help="disc, disc_with_tick, ring, rings, coded_rings, two_discs, dot_ring, disc_with_chessboard, chessboard, "
-        "charuco, tags",
+        "circle_grid, charuco, tags",
     )
     marker.add_argument("out", metavar="OUT", help="file to write, .pdf or .svg")
     marker.add_argument("--diameter-m", type=positive, metavar="D", help="diameter of the circle (default 0.08)")

@@ -1,5 +1,6 @@
 """Markers: what is printed where, as exact curves.
 
+circle_grid: Where the dots of OpenCV's circle grids are
 ink_pattern: Reflectance of a sheet, point by point, in float64: the definition of what `roundel.render.scene.ink`
     traces
 marker: Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres

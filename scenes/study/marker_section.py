@@ -9,6 +9,9 @@ from pydantic import Field, model_validator
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.values import Fraction, Index, NonNegative, Positive, Roughness, Turn
 
+# Every dot is a shape of its own to the renderer.
+MOST_DOTS = 400
+
 TagFamily = Literal["aruco_4x4_50", "aruco_5x5_100", "aruco_6x6_250", "apriltag_36h11"]
 
 
@@ -138,6 +141,33 @@ class DotRingSection(_Print):
     turn_deg: Turn = Field(default=0.0, description="direction of the first dot, degrees from +X")
 
 
+class CircleGridSection(_Print):
+    """OpenCV's grid of circles (`findCirclesGrid`), the board of a calibration.
+
+    `columns` dots in each of `rows` rows. In a symmetric grid neighbours are `spacing_m` apart along X and Y. In an
+    asymmetric one rows are `spacing_m` apart, the dots of a row twice that, and every second row is shifted by
+    `spacing_m` to the right: with an odd number of rows it has no symmetry.
+    """
+
+    kind: Literal["circle_grid"] = Field(description="OpenCV's grid of circles")
+    columns: int = Field(ge=2, le=30, description="dots in a row")
+    rows: int = Field(ge=2, le=30, description="rows of dots; an odd number makes an asymmetric grid unambiguous")
+    spacing_m: Positive = Field(
+        description="distance between neighbouring rows, m; between the dots of a row, too, or in an asymmetric grid "
+        "half of it"
+    )
+    diameter_m: Positive = Field(description="diameter of a dot, m")
+    layout: Literal["symmetric", "asymmetric"] = Field(
+        default="symmetric", description="symmetric: a square grid; asymmetric: every second row is shifted"
+    )
+
+    @model_validator(mode="after")
+    def _printable(self) -> CircleGridSection:
+        if self.columns * self.rows > MOST_DOTS:
+            raise ValueError(f"{self.columns} by {self.rows} dots are more than {MOST_DOTS}; leave some out")
+        return self
+
+
 class BoardKeys(Section):
     """A chessboard given by its inner corners; one count is odd and one even, so that it has no symmetry."""
 
@@ -201,6 +231,7 @@ Marker = Annotated[
     | CodedRingsSection
     | TwoDiscsSection
     | DotRingSection
+    | CircleGridSection
     | ChessboardSection
     | DiscWithChessboardSection
     | CharucoSection
@@ -216,6 +247,7 @@ KINDS: dict[str, type[Section]] = {
     "coded_rings": CodedRingsSection,
     "two_discs": TwoDiscsSection,
     "dot_ring": DotRingSection,
+    "circle_grid": CircleGridSection,
     "chessboard": ChessboardSection,
     "disc_with_chessboard": DiscWithChessboardSection,
     "charuco": CharucoSection,

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from roundel.scenes.markers.circle_grid import circle_grid_centres_m
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
 from roundel.scenes.markers.surfaces import Curve
 from roundel.scenes.markers.tags import charuco_grid, tag_grid
@@ -115,6 +116,18 @@ def _dot_ring(section: sections.DotRingSection, ink: float, paper: float) -> _Pr
     return _Print([Disc(x, y, dot, ink) for x, y in places], parts, finest)
 
 
+def _circle_grid(section: sections.CircleGridSection, ink: float, paper: float) -> _Print:
+    step, radius, asymmetric = float(section.spacing_m), section.diameter_m / 2, section.layout == "asymmetric"
+    # Dots of a row are two steps apart in an asymmetric grid: its nearest neighbours are diagonal.
+    finest = min(2 * radius, _apart("spacing_m", step * (np.sqrt(2) if asymmetric else 1) - 2 * radius))
+    centres = circle_grid_centres_m(section.columns, section.rows, step, asymmetric)
+    layout = {"columns": section.columns, "rows": section.rows, "spacing_m": step}
+    layout |= {"diameter_m": section.diameter_m, "layout": section.layout}
+    width, height = np.ptp(centres, axis=0) + 2 * radius
+    part = Part(0, "circle_grid", 0.0, 0.0, None, layout, (float(width), float(height)))
+    return _Print([Disc(x, y, radius, ink) for x, y in centres.tolist()], [part], float(finest))
+
+
 def _board(keys: Any, marker_id: int, x: float, ink: float) -> tuple[Checker, Part]:
     square = float(keys.square_m)
     layout = {"columns": keys.columns, "rows": keys.rows, "square_m": square}
@@ -182,6 +195,7 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "coded_rings": _coded_rings,
     "two_discs": _two_discs,
     "dot_ring": _dot_ring,
+    "circle_grid": _circle_grid,
     "chessboard": _chessboard,
     "disc_with_chessboard": _disc_with_chessboard,
     "charuco": _charuco,

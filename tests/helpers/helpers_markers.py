@@ -23,6 +23,7 @@ MARKERS: dict[str, dict[str, Any]] = {
         "chessboard": {"columns": 5, "rows": 4, "square_m": 0.015},
     },
     "charuco": {"columns": 5, "rows": 4, "square_m": 0.03, "tag_m": 0.02, "first_id": 3},
+    "circle_grid": {"columns": 4, "rows": 5, "spacing_m": 0.02, "diameter_m": 0.014, "layout": "asymmetric"},
     "tags": {"columns": 3, "rows": 2, "tag_m": 0.04, "gap_m": 0.01},
 }
 
