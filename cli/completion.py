@@ -13,8 +13,8 @@ from roundel.configs.shipped import study_names
 # Repeated here because their modules import NumPy and more: completion must take no more than 0.1 s.
 METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
 KINDS = (
-    "disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard",
-    "chessboard", "circle_grid", "charuco", "tags",
+    "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code", "two_discs", "dot_ring",
+    "disc_with_chessboard", "chessboard", "circle_grid", "charuco", "tags",
 )  # fmt: skip
 PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (

@@ -74,7 +74,7 @@ def entry_of(
             str(part.marker_id): developed.edge(planes[coverage_channel(part.marker_id)])
             for view in frame.views()
             for part in view.sheet.parts
-            if part.radius_m is not None
+            if part.radius_m is not None and part.inked
         },
         "fidelity": fidelity,
     }

@@ -56,6 +56,8 @@ def obstacle(frame: Frame, marker_id: int) -> str | None:
     part, settings, camera = _part(frame, marker_id), frame.settings, frame.camera
     if part.radius_m is None:
         return "not a circle"
+    if not part.inked:
+        return "its circle is not printed"
     if any(isinstance(shape, Sectors) for shape in frame.sheet.shapes):
         return "its code is not predicted"
     if settings.occluders:

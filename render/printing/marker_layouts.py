@@ -42,7 +42,7 @@ def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -
     kind : str
         One of `scenes.marker_section.KINDS`.
     diameter_m : float or None
-        Outer diameter of the circle, or of a dot in a ring of dots.
+        Outer diameter of the circle, that of the circle around a dot code, or of a dot in a ring of dots.
     keys : dict
         Keys of the section, which override the defaults.
 

@@ -1,10 +1,13 @@
 """Markers: what is printed where, as exact curves.
 
 circle_grid: Where the dots of OpenCV's circle grids are
+dot_codes: Identities in dots on two rings, in the spirit of RUNE-Tag (Bergamasco et al. 2011), with a code of our own
 ink_pattern: Reflectance of a sheet, point by point, in float64: the definition of what `roundel.render.scene.ink`
     traces
 marker: Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres
 outlines: Outlines of a sheet's edges as polylines, for the allocation of samples
+ring_codes: Identities in the widths of concentric crowns, in the spirit of CCTag (Calvet et al. 2016), with a bank of
+    our own
 surfaces: Surfaces that a flat print is bent to without stretching: cylinders and waves
 tags: Square tags: their cells by family and id, and their layout on a board
 value_noise: Value noise: random numbers as a function of position, for paper grain and clutter

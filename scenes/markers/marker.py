@@ -116,7 +116,8 @@ Shape = Disc | Checker | Bar | Cells | Sectors
 class Part:
     """A part of a sheet, which has one row in the truth; it is centred at (x_m, y_m) of the sheet.
 
-    `size_m` is the width and height of a print that is not a circle.
+    `size_m` is the width and height of a print that is not a circle. `inked` is whether the circle is an edge of the ink;
+    that of a dot code only encloses its dots, and has no contrast.
     """
 
     marker_id: int
@@ -126,6 +127,7 @@ class Part:
     radius_m: float | None
     layout: dict[str, Any] = field(default_factory=dict)
     size_m: tuple[float, float] | None = None
+    inked: bool = True
 
     def half_size_m(self) -> tuple[float, float]:
         """Half the width and height of the print."""

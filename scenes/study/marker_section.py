@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from roundel.scenes.study.section import Section
-from roundel.scenes.study.values import Fraction, Index, NonNegative, Positive, Roughness, Turn
+from roundel.scenes.study.values import Fraction, Identity, Index, NonNegative, Positive, Roughness, Turn
 
 # Every dot is a shape of its own to the renderer.
 MOST_DOTS = 400
@@ -122,6 +122,29 @@ class CodedRingsSection(_Print):
     ring_from: Fraction = Field(default=0.86, description="inner radius of the outer ring, in outer radii")
 
 
+class RingCodeSection(_Print):
+    """Three crowns whose widths hold an identity; the outer circle is the circle of record.
+
+    The bank of identities is that of `roundel.scenes.markers.ring_codes`.
+    """
+
+    kind: Literal["ring_code"] = Field(description="three concentric crowns whose widths hold an identity")
+    diameter_m: Positive = Field(description="outer diameter, m")
+    id: Identity = Field(default=0, description="identity, 0 to 40")
+
+
+class DotCodeSection(_Print):
+    """Dots on two rings, present or absent by a cyclic code; the circle that encloses them is the circle of record.
+
+    That circle is not printed: the outer dots touch it from the inside. The words are those of
+    `roundel.scenes.markers.dot_codes`.
+    """
+
+    kind: Literal["dot_code"] = Field(description="dots on two rings with a cyclic code")
+    diameter_m: Positive = Field(description="diameter of the circle that encloses the dots, m")
+    id: Identity = Field(default=0, description="identity, 0 to 39")
+
+
 class TwoDiscsSection(_Print):
     """Two coplanar discs beside each other; each has its own row in the truth."""
 
@@ -229,6 +252,8 @@ Marker = Annotated[
     | RingSection
     | RingsSection
     | CodedRingsSection
+    | RingCodeSection
+    | DotCodeSection
     | TwoDiscsSection
     | DotRingSection
     | CircleGridSection
@@ -245,6 +270,8 @@ KINDS: dict[str, type[Section]] = {
     "ring": RingSection,
     "rings": RingsSection,
     "coded_rings": CodedRingsSection,
+    "ring_code": RingCodeSection,
+    "dot_code": DotCodeSection,
     "two_discs": TwoDiscsSection,
     "dot_ring": DotRingSection,
     "circle_grid": CircleGridSection,
@@ -255,4 +282,7 @@ KINDS: dict[str, type[Section]] = {
 }
 
 # Kinds whose first part is a circle.
-CIRCULAR = ("disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring", "disc_with_chessboard")
+CIRCULAR = (
+    *("disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code"),
+    *("two_discs", "dot_ring", "disc_with_chessboard"),
+)

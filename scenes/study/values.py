@@ -106,6 +106,17 @@ def _bounded(low: float, high: float, open_low: bool, what: str) -> Callable[[An
     return check
 
 
+def _whole(raw: Any) -> Value:
+    """An identity: a whole number, or a `choice` or `grid` of them; no identity is between two others."""
+    value = parse_value(raw)
+    if isinstance(value, Spread) and value.kind not in ("choice", "grid"):
+        raise ValueError(f"an identity has no {value.kind} distribution; use choice or grid")
+    for number in value.args if isinstance(value, Spread) else (value,):
+        if number < 0 or number != int(number):
+            raise ValueError(f"{number:g} is no identity; use a whole number from 0")
+    return value
+
+
 def _plain(value: Value) -> Any:
     return {value.kind: list(value.args)} if isinstance(value, Spread) else value
 
@@ -157,3 +168,4 @@ Turbidity = _value_type(_bounded(1.0, 10.0, False, "a turbidity must be between 
 Roughness = _value_type(_bounded(0.01, 1.0, False, "a roughness must be between 0.01 (a mirror) and 1 (matte)"))
 Index = _value_type(_bounded(1.05, 4.0, False, "a refractive index must be between 1.05 and 4"))
 Share = _value_type(_bounded(0.0, 1.0, True, "it must be positive and at most 1"))
+Identity = _value_type(_whole)

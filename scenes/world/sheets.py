@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from roundel.scenes.markers.circle_grid import circle_grid_centres_m
+from roundel.scenes.markers.dot_codes import dots_of
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
+from roundel.scenes.markers.ring_codes import ring_code_radii
 from roundel.scenes.markers.surfaces import Curve
 from roundel.scenes.markers.tags import charuco_grid, tag_grid
 from roundel.scenes.study import marker_section as sections
@@ -87,6 +89,27 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
     layout["code"] = list(section.code)
     finest = min(2 * disc, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors)
     return _Print(shapes, [Part(0, "coded_rings", 0.0, 0.0, outer, layout)], float(finest))
+
+
+def _ring_code(section: sections.RingCodeSection, ink: float, paper: float) -> _Print:
+    try:
+        radii = ring_code_radii(int(section.id))
+    except ValueError as error:
+        raise ValueError(f"marker.id: {error}") from error
+    layout = {"id": int(section.id), "radii": list(radii)}
+    return _circles([section.diameter_m * share for share in radii], "ring_code", layout, ink, paper)
+
+
+def _dot_code(section: sections.DotCodeSection, ink: float, paper: float) -> _Print:
+    try:
+        dots = section.diameter_m / 2 * dots_of(int(section.id))
+    except ValueError as error:
+        raise ValueError(f"marker.id: {error}") from error
+    shapes = [Disc(*(float(v) for v in dot), ink) for dot in dots]
+    x, y, r = dots.T
+    gaps = np.hypot(x[:, None] - x, y[:, None] - y) - r[:, None] - r + np.diag(np.full(len(dots), np.inf))
+    part = Part(0, "dot_code", 0.0, 0.0, section.diameter_m / 2, {"id": int(section.id)}, inked=False)
+    return _Print(shapes, [part], float(min(2 * r.min(), gaps.min())))
 
 
 def _apart(key: str, gap_m: float) -> float:
@@ -193,6 +216,8 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "ring": _ring,
     "rings": _rings,
     "coded_rings": _coded_rings,
+    "ring_code": _ring_code,
+    "dot_code": _dot_code,
     "two_discs": _two_discs,
     "dot_ring": _dot_ring,
     "circle_grid": _circle_grid,

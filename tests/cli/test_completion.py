@@ -26,7 +26,7 @@ OFFERS = {
     "roundel check my": ["my.yaml"],
     "roundel solve ds out --meth": ["--method"],
     "roundel solve ds out --method guar": ["guaranteed"],
-    "roundel marker dot": ["dot_ring"],
+    "roundel marker dot_r": ["dot_ring"],
     "roundel verify d": ["ds/"],
     "roundel completion fi": ["fish"],
 }

@@ -14,6 +14,8 @@ MARKERS: dict[str, dict[str, Any]] = {
     "ring": {"diameter_m": 0.08, "inner_diameter_m": 0.05},
     "rings": {"diameters_m": [0.08, 0.06, 0.05, 0.02]},
     "coded_rings": {"diameter_m": 0.08, "code": ["11010010", "01101001", "10011100"]},
+    "ring_code": {"diameter_m": 0.08, "id": 7},
+    "dot_code": {"diameter_m": 0.08, "id": 5},
     "two_discs": {"diameter_m": 0.08, "second_diameter_m": 0.04, "spacing_m": 0.09},
     "dot_ring": {"diameter_m": 0.02, "ring_diameter_m": 0.1, "dots": 7, "turn_deg": 30.0},
     "chessboard": {"columns": 5, "rows": 4, "square_m": 0.02},
