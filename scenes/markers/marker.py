@@ -116,8 +116,8 @@ Shape = Disc | Checker | Bar | Cells | Sectors
 class Part:
     """A part of a sheet, which has one row in the truth; it is centred at (x_m, y_m) of the sheet.
 
-    `size_m` is the width and height of a print that is not a circle. `inked` is whether the circle is an edge of the ink;
-    that of a dot code only encloses its dots, and has no contrast.
+    `size_m` is the width and height of a print that is not a circle. `inked` is whether the circle is an edge of the
+    ink; that of a dot code only encloses its dots, and has no contrast.
     """
 
     marker_id: int

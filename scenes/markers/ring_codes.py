@@ -40,7 +40,7 @@ def ring_code_words() -> NDArray[np.bool_]:
 
 
 def ring_code_radii(identity: int) -> tuple[float, ...]:
-    """The six radii of an identity, from the outermost inward, in outer radii; ink begins at the first, paper at the next.
+    """The six radii of an identity from the outermost inward, in outer radii; ink begins at the first, then paper.
 
     Raises
     ------
