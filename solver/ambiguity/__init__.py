@@ -1,6 +1,7 @@
 """Which of the two poses: declared knowledge and cues to probabilities.
 
 concentric_circle: A concentric circle (centre dot, inner edge of a ring) as a cue for the choice between both poses
+coplanar: `coplanar`: the circles of an image lie in one plane and have one size, and are solved together
 disambiguation: The choice between both poses, from prior knowledge and cues
 normal_prior: A prior on the normal: a direction, or a plane it lies in, each with a standard deviation
 observation: One detection as priors and cues see it, and the log-likelihoods that they return

@@ -14,17 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.errors import UsageError, did_you_mean
+from roundel.solver.ambiguity.coplanar import CoplanarCircles
 from roundel.solver.ambiguity.normal_prior import GreatCirclePrior, NormalPrior
 from roundel.solver.ambiguity.observation import Evidence, Observation
 from roundel.solver.ambiguity.vanishing_line_side import SideRule
 
-__all__ = ["KNOWLEDGE", "Choice", "GreatCirclePrior", "Knowledge", "NormalPrior", "check_knowledge", "choose"]
+__all__ = [
+    "KNOWLEDGE",
+    "Choice",
+    "GreatCirclePrior",
+    "Knowledge",
+    "NormalPrior",
+    "check_knowledge",
+    "choose",
+    "named",
+    "pieces_of",
+]
 
 Array = NDArray[np.float64]
 
-KNOWLEDGE = ("same_side", "opposite_side")
+KNOWLEDGE = ("same_side", "opposite_side", "coplanar")
 
-# One piece of prior knowledge, or several; a string is the name of a `SideRule`.
+# One piece of prior knowledge, or several; a string is one of `KNOWLEDGE`.
 Knowledge = str | Evidence | Sequence[str | Evidence] | None
 
 _SURE = math.log(19.0)  # 95 %: pieces that favour different candidates with this certainty contradict each other
@@ -48,7 +59,7 @@ def check_knowledge(knowledge: Knowledge) -> None:
     UsageError
         If a name is unknown, or a piece is invalid (for example, a zero normal).
     """
-    _pieces(knowledge)
+    pieces_of(knowledge)
 
 
 def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Choice:
@@ -58,6 +69,7 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     - `same_side`, `opposite_side`: the paper's condition, see `SideRule`; taken as certain if only normals are given.
     - `NormalPrior`, `GreatCirclePrior` (a floor, a wall, the previous frame): see there.
     - `ConcentricCircle`, `Pattern`: cues in the print, measured in the image.
+    - `coplanar`: no odds for one circle; several of an image are solved together, see `solve_together`.
     - Several of them: their log odds add, as for independent observations.
 
     The likelier candidate is chosen; of equally likely candidates none is chosen. Probabilities are calibrated under
@@ -80,7 +92,7 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     UsageError
         If the type of the knowledge is unknown.
     """
-    pieces = _pieces(knowledge)
+    pieces = pieces_of(knowledge)
     if not pieces:
         return Choice((0.5, 0.5), None, "no prior knowledge was given")
     seen = (
@@ -99,14 +111,21 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     return Choice((first, 1.0 - first), None if abs(total) < _TIED else int(total < 0), basis)
 
 
-def _pieces(knowledge: Knowledge) -> list[Evidence]:
+def pieces_of(knowledge: Knowledge) -> list[Evidence]:
+    """All pieces of knowledge, checked.
+
+    Raises
+    ------
+    UsageError
+        As `check_knowledge`.
+    """
     if knowledge is None:
         return []
     several = [knowledge] if isinstance(knowledge, str) or not isinstance(knowledge, Sequence) else knowledge
     out: list[Evidence] = []
     for piece in several:
         if isinstance(piece, str):
-            out.append(_side_of(piece))
+            out.append(named(piece))
             continue
         if not hasattr(piece, "verdict"):
             raise UsageError(
@@ -119,8 +138,15 @@ def _pieces(knowledge: Knowledge) -> list[Evidence]:
     return out
 
 
-def _side_of(word: str) -> SideRule:
+def named(word: str) -> Evidence:
+    """The piece of knowledge that a word of `KNOWLEDGE` stands for.
+
+    Raises
+    ------
+    UsageError
+        If it is none of them.
+    """
     if word not in KNOWLEDGE:
         hint = did_you_mean(word, KNOWLEDGE) or f"use {' or '.join(KNOWLEDGE)}"
         raise UsageError(f"unknown knowledge {word!r}; {hint}")
-    return SideRule(word == KNOWLEDGE[0])
+    return CoplanarCircles() if word == "coplanar" else SideRule(word == KNOWLEDGE[0])

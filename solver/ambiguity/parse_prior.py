@@ -10,11 +10,10 @@ import numpy as np
 
 from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.ambiguity.concentric_circle import ConcentricCircle
-from roundel.solver.ambiguity.disambiguation import KNOWLEDGE, Knowledge, check_knowledge
+from roundel.solver.ambiguity.disambiguation import KNOWLEDGE, Knowledge, check_knowledge, named
 from roundel.solver.ambiguity.normal_prior import NormalPrior, on_ceiling, on_floor, on_wall
 from roundel.solver.ambiguity.observation import Evidence
 from roundel.solver.ambiguity.pattern_cue import orientation_tick
-from roundel.solver.ambiguity.vanishing_line_side import SideRule
 
 _PLACES: dict[str, Callable[..., Evidence]] = {"floor": on_floor, "ceiling": on_ceiling, "wall": on_wall}
 _MARKS: tuple[str, ...] = ("circle",)
@@ -26,6 +25,7 @@ def parse_knowledge(text: str) -> Knowledge:
 
     - `none`
     - `same_side`, `opposite_side`
+    - `coplanar`: all circles of an image lie in one plane and have one size
     - `normal:X,Y,Z[:SPREAD_DEG]`: out of the printed face, in the camera frame (x right, y down, z forward)
     - `floor`, `ceiling`, `wall`, each with `[:GX,GY,GZ][:SPREAD_DEG]`: gravity in the camera frame; by default the
       image is upright (floor, ceiling) or the camera level (wall)
@@ -50,7 +50,7 @@ def parse_knowledge(text: str) -> Knowledge:
 def _piece(text: str) -> Evidence:
     name, *values = text.split(":")
     if name in KNOWLEDGE and not values:
-        return SideRule(name == KNOWLEDGE[0])
+        return named(name)
     if name == "normal" and 1 <= len(values) <= 2:
         spread = _number(text, values[1]) if len(values) == 2 else 10.0
         return NormalPrior(np.array(_vector(text, values[0])), spread)

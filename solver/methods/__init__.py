@@ -7,8 +7,6 @@ estimate_caveats: Caveats of an estimate: numbers and sentences about how well i
     image
 fit_poses: Both poses, with covariance, of the ellipses that were fitted in a frame, all at once
 locate: `locate`: the circles of one image, given as an array, with both poses of each
-opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
-    would write them
 plugin: The plug-in interface for third-party methods: `View` in, `Found` out, and its checks (docs/your-own-
     method.md)
 pose_estimate: The `Estimate` of one fitted ellipse: both poses, covariance, and the choice between them
@@ -17,6 +15,8 @@ roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five 
 shutter_motion: The motion of detections during the readout of its camera, as the fits take it
 solve: Solve a dataset: every frame with every method and every intrinsics label, into one file
 solve_image: The chain for one frame: detect, fit, pose, choose; arrays, datasets and photographs all use it
+solve_together: Estimates of the circles of an image after `coplanar`: one plane for all, one candidate chosen, a focal
+    length
 solved_parts: Results of blocks of frames as they come: parts on disk, joined into the final files at the end
 worker_start: What solving in several processes takes: compiled kernels, one thread each, and arguments that can be
     sent

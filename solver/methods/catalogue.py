@@ -34,14 +34,14 @@ def _related(name: str, markers: str, about: str, returns: str, paper: str) -> L
 CATALOGUE: tuple[Listed, ...] = (
     Listed(
         "blobs",
-        "roundel.solver.methods.opencv_centres:blobs",
+        "roundel.solver.related.opencv_centres:blobs",
         ("disc",),
         "dark blobs by cv2.SimpleBlobDetector",
         "centres",
     ),
     Listed(
         "circles_grid",
-        "roundel.solver.methods.opencv_centres:circles_grid",
+        "roundel.solver.related.opencv_centres:circles_grid",
         ("circle_grid",),
         "a grid of dots by cv2.findCirclesGrid",
         "centres",

@@ -23,6 +23,7 @@ from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.registry import run_plugin
 from roundel.solver.methods.roundel_fits import detect_circles, fit_detection, fit_points, with_estimated_curve
 from roundel.solver.methods.shutter_motion import motions_of, shutter_key
+from roundel.solver.methods.solve_together import with_one_plane
 from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
@@ -162,7 +163,8 @@ def _poses(
         key = EstimateKey(given.frame_id, NOT_FOUND, *of)
         return [Estimate(*key, "failed", NO_CIRCLE, camera=camera.camera)]
     poses = poses_of_fits(fits, camera, given.diameter_m / 2)
-    return [
+    alone = [
         estimate_of(fit, posed, camera, knowledge, EstimateKey(given.frame_id, n, *of), detection, seen)
         for n, (fit, posed, (detection, seen)) in enumerate(zip(fits, poses, about, strict=True))
     ]
+    return with_one_plane(alone, fits, knowledge, camera, given.diameter_m / 2)

@@ -105,7 +105,9 @@ def concentric_pair(outer: ArrayLike, inner: ArrayLike, tolerance: float = 1e-5)
     return ConcentricPair((to_px @ o)[:2], line / np.linalg.norm(line), float(np.sqrt(ratio2)), eccentricity)
 
 
-def focal_of_concentric(outer: ArrayLike, inner: ArrayLike, principal_point: ArrayLike, tolerance: float = 1e-5) -> float:
+def focal_of_concentric(
+    outer: ArrayLike, inner: ArrayLike, principal_point: ArrayLike, tolerance: float = 1e-5
+) -> float:
     """Focal length in pixels from the images of two concentric circles, for square pixels.
 
     Parameters
