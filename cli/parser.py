@@ -43,6 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_rendering(add)
     _add_solving(add)
     _add_scoring(add)
+    _add_league(add)
     _add_gate(add)
     _add_tools(add)
     return parser
@@ -147,7 +148,8 @@ def _add_solving(add: AddVerb) -> None:
         "--knowledge",
         metavar="WORDS",
         help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO; join several with + (default: none, both poses are equally likely)",
+        "circle:RATIO, coplanar (all circles in one plane, of one size); join several with + (default: none, both "
+        "poses are equally likely)",
     )
 
     calibrate = add("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")
@@ -182,6 +184,36 @@ def _add_scoring(add: AddVerb) -> None:
         "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
     )
     compare.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the page to")
+
+
+def _add_league(add: AddVerb) -> None:
+    league = add("league", "every related system on the same images, and the score of a submission")
+    actions = league.add_subparsers(dest="action", metavar="ACTION", required=True)
+
+    def action(name: str, text: str) -> argparse.ArgumentParser:
+        return actions.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=EXIT_STATUS)
+
+    run = action("run", "render the league, solve it with every installed entry, write its page; resumes automatically")
+    run.add_argument("out", metavar="OUT", help="folder to write to: dataset, estimates, league")
+    run.add_argument("--study", default="league", metavar="STUDY", help=f"{_STUDY} (default: league)")
+    run.add_argument("--dataset", metavar="DATASET", help="solve this dataset instead of rendering the study")
+    run.add_argument("--jobs", type=count, default=1, metavar="N", help="number of processes that render (default 1)")
+
+    score = action("score", "score a file of estimates like every other entry")
+    score.add_argument("submission", metavar="SUBMISSION", help="CSV or Parquet, see `roundel validate --schema`")
+    score.add_argument(
+        "--dataset", required=True, metavar="DATASET", help="the league's dataset, or its held-back part"
+    )
+    score.add_argument("--against", metavar="LEAGUE", help="folder of the published league, to be beside its entries")
+    score.add_argument("--name", metavar="NAME", help="name of the entry (default: the method's)")
+    score.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the page to")
+    for parser in (run, score):
+        parser.add_argument("--truth", metavar="KEPT", help="the truth of a held-back dataset, from `league hold-back`")
+
+    hold = action("hold-back", "split a dataset into images to publish and a truth to keep")
+    hold.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    hold.add_argument("public", metavar="PUBLIC", help="folder to publish: images and cameras")
+    hold.add_argument("kept", metavar="KEPT", help="folder to keep: truth, salt and study")
 
 
 def _add_gate(add: AddVerb) -> None:

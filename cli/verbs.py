@@ -303,6 +303,18 @@ def do_compare(arguments: argparse.Namespace) -> int:
     return compare(arguments)
 
 
+def do_league(arguments: argparse.Namespace) -> int:
+    """Run the league, score a submission, or hold a part back."""
+    from roundel.cli import league_verbs
+
+    actions = {
+        "run": league_verbs.run_league,
+        "score": league_verbs.score_submission,
+        "hold-back": league_verbs.hold_back,
+    }
+    return actions[arguments.action](arguments)
+
+
 def do_gate(arguments: argparse.Namespace) -> int:
     """Compare a report with a baseline."""
     from roundel.cli.gate_verbs import compare

@@ -83,7 +83,7 @@ class _Problem:
         return np.concatenate([whitened[:-1].imag / _COMPLEX_STEP, whitened[-1:].real])
 
     def unpacked(self, theta: NDArray[np.number]) -> tuple[NDArray[np.number], ...]:
-        """log f (..., 1), plane (..., 2), centres (..., n, 2) and log (f r) (..., n) of parameters (..., P)."""
+        """Log f (..., 1), plane (..., 2), centres (..., n, 2) and log (f r) (..., n) of parameters (..., P)."""
         n = len(self.shapes)
         if self.log_focal is not None:
             theta = np.concatenate([np.full_like(theta[..., :1], self.log_focal), theta], axis=-1)

@@ -28,6 +28,9 @@ GATE_PX, GATE_FRACTION = 3.0, 0.25
 
 _NO_ROW, _ELSEWHERE = "there is no row for this frame", "the detections are elsewhere in the image"
 
+# Keys of a layout that hold the identity of a single marker.
+IDENTITIES = ("id", "first_id")
+
 DEFAULT_SIGMA = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
 
 OUTCOMES = pa.schema(
@@ -112,7 +115,7 @@ def identity_of(marker: dict[str, object]) -> int | None:
     layout = marker["layout"]
     assert isinstance(layout, dict)
     single = layout.get("columns", 1) == layout.get("rows", 1) == 1
-    found = layout.get("id", layout.get("first_id") if single else None)
+    found = next((layout[key] for key in IDENTITIES if key in layout), None) if single else None
     return None if found is None else int(found)
 
 

@@ -1,0 +1,133 @@
+"""A held-back part of the league: images anyone may solve, whose truth stays with the organiser.
+
+The frames of a dataset follow from its study and seed, so that the public part has neither, nor the dataset_id, which
+is a hash of them. What ties its truth down is a salted checksum, sha256(salt + truth.parquet): it tells nothing before
+the truth and the salt are shown, and nobody can exchange the truth afterwards.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import secrets
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.layout import files
+from roundel.datasets.layout.images import open_images
+from roundel.datasets.layout.manifest import read_manifest
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.league.outcomes import IDENTITIES
+
+SALT, COMMITMENT = "salt.txt", "truth_salted_sha256"
+_IDENTITY = "identity.json"
+
+
+@dataclass(frozen=True)
+class HeldBack:
+    """Folders of both parts: what is published, and what the organiser keeps."""
+
+    public: Path
+    kept: Path
+
+
+def hold_back(dataset_path: str | Path, public: str | Path, kept: str | Path) -> HeldBack:
+    """Split a dataset into images without truth, and the truth with its salt.
+
+    Parameters
+    ----------
+    dataset_path : path
+        A dataset of the study `league`, rendered with a seed that nobody else knows.
+    public, kept : path
+        Folders to write: images, cameras and the salted checksum; truth, salt and study.
+
+    Raises
+    ------
+    UsageError
+        If one of the folders is there already.
+    DataError
+        If the dataset is not finished or corrupt.
+    """
+    dataset, out = open_dataset(dataset_path), HeldBack(Path(public), Path(kept))
+    for folder in (out.public, out.kept):
+        if folder.exists():
+            raise UsageError(f"{folder}: is there already; name a new folder")
+    salt = secrets.token_hex(32)
+    truth = (dataset.path / files.TRUTH).read_bytes()
+    records = copy.deepcopy(dataset.images.records)
+    identities = [_taken(record["markers"]) for record in records]
+    (out.public / "images").mkdir(parents=True)
+    listed: dict[str, Any] = {}
+    for record in records:
+        name = str(record["image"])
+        shutil.copyfile(dataset.path / name, out.public / name)
+        listed[name] = dataset.manifest["files"][name]
+    cameras = _json({"frames": records})
+    listed[files.CAMERAS] = {"sha256": files.sha256(cameras), "bytes": len(cameras)}
+    manifest = {
+        "schema": 1,
+        "dataset_id": salted(salt, str(dataset.manifest["dataset_id"]).encode()),
+        "study": {"name": f"{dataset.study['name']}, held back", "solve": {}},
+        "files": listed,
+        "counts": {"frames": len(records)},
+        COMMITMENT: salted(salt, truth),
+    }
+    out.kept.mkdir(parents=True)
+    files.write_file(out.kept / files.TRUTH, truth)
+    files.write_file(out.kept / SALT, f"{salt}\n".encode())
+    files.write_file(out.kept / _IDENTITY, _json(identities))
+    shutil.copyfile(dataset.path / files.STUDY, out.kept / files.STUDY)
+    files.write_file(out.public / files.CAMERAS, cameras)
+    files.write_file(out.public / files.MANIFEST, _json(manifest))
+    return out
+
+
+def open_held_back(public: str | Path, kept: str | Path) -> Dataset:
+    """The public images with the truth that was kept, which has to be the one that was committed to.
+
+    Raises
+    ------
+    DataError
+        If a file is missing or corrupt.
+    NotComparableError
+        If the truth is not that of the images.
+    """
+    public, kept = Path(public), Path(kept)
+    images, manifest = open_images(public), read_manifest(public)
+    if COMMITMENT not in manifest:
+        raise NotComparableError(f"{public}: nothing is held back of this dataset; leave out --truth")
+    try:
+        salt = (kept / SALT).read_text(encoding="utf-8").strip()
+        data = (kept / files.TRUTH).read_bytes()
+        identities = json.loads((kept / _IDENTITY).read_text(encoding="utf-8"))
+        truth = pq.read_table(pa.BufferReader(data))
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DataError(f"{kept}: the truth that was held back is missing or corrupt") from error
+    if salted(salt, data) != manifest[COMMITMENT]:
+        raise NotComparableError(f"{kept}: this is not the truth that {public} was published with")
+    for record, told in zip(images.records, identities, strict=True):
+        for marker, own in zip(record["markers"], told, strict=True):
+            marker["layout"].update(own)
+    manifest["files"][files.TRUTH] = {"sha256": files.sha256(data), "bytes": len(data)}
+    return Dataset(public, images, truth, manifest)
+
+
+def salted(salt: str, data: bytes) -> str:
+    """Hexadecimal sha256 of the salt's bytes followed by the data."""
+    return hashlib.sha256(bytes.fromhex(salt) + data).hexdigest()
+
+
+def _taken(markers: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Take the identities out of the printed markers of a frame, and return them."""
+    return [{key: m["layout"].pop(key) for key in IDENTITIES if key in m["layout"]} for m in markers]
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
