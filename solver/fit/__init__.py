@@ -8,7 +8,8 @@ edges: Sub-pixel edge points on the contour of an ellipse, from the raw pixels a
 ellipse: Ellipses from points: a direct fit as the starting value, the orthogonal-distance fit as the estimate
 ellipse_distance: Orthogonal projection of points on an ellipse, exact and vectorised
 guaranteed_fit: Guaranteed ellipse fit: minimal Sampson distances among ellipses, never a hyperbola
-levenberg_marquardt: Levenberg-Marquardt for the five parameters of an ellipse, with few function evaluations
+levenberg_marquardt: Levenberg-Marquardt for a few parameters, as the five of an ellipse, with few function
+    evaluations
 local_light: Light that smooth functions do not follow: departures of the grey levels, sector by sector of a contour
 pixel_covariance: The covariance of a fit to the pixels: that of the noise, raised by what the residuals show of the
     model's errors

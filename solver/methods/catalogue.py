@@ -46,6 +46,41 @@ CATALOGUE: tuple[Listed, ...] = (
         "a grid of dots by cv2.findCirclesGrid",
         "centres",
     ),
+    _related(
+        "wu2004",
+        "disc ring rings coded_rings two_discs dot_ring",
+        "both normals of a circle; of two or more, the most parallel",
+        "poses",
+        "Wu, Chen, Wada, Conic-based algorithm for visual line estimation from one image, FG 2004",
+    ),
+    _related(
+        "chen2004",
+        "two_discs dot_ring",
+        "two or more coplanar circles: a search over the focal length, then a fit",
+        "focal length, poses",
+        "Chen, Wu, Wada, Camera calibration with two arbitrary coplanar circles, ECCV 2004",
+    ),
+    _related(
+        "kim2005",
+        "ring rings coded_rings",
+        "two concentric circles: centre, vanishing line, then a joint fit",
+        "focal length, pose",
+        "Kim, Gurdjos, Kweon, Geometric and algebraic constraints of projected concentric circles, PAMI 27(4) 2005",
+    ),
+    _related(
+        "gurdjos2006",
+        "two_discs dot_ring",
+        "two or more parallel circles: the circular points from their pencils",
+        "focal length, poses",
+        "Gurdjos, Sturm, Wu, Euclidean structure from N >= 2 parallel circles, ECCV 2006",
+    ),
+    _related(
+        "szpak2015",
+        "disc ring rings coded_rings two_discs dot_ring",
+        "guaranteed ellipse of the edge points, by Sampson distances",
+        "ellipses, both poses",
+        "Szpak, Chojnacki, van den Hengel, Guaranteed ellipse fitting with a confidence region, JMIV 52, 2015",
+    ),
 )
 
 

@@ -5,6 +5,8 @@ centre_rows: The poses of an ellipse that moves while the rows are read: each at
 circle_pose: Both poses of a circle of known radius from its image, in closed form
 circle_pose_batch: Both poses of many circles at once, vectorised; `circle_pose` explains the method
 circle_pose_scalar: Both poses of a single circle in plain Python floats, without the overhead of vectorised calls
+coplanar_circles: Maximum likelihood for circles of one plane: focal length, normal, centres and radii from their
+    ellipses
 pose_covariance: Covariance of both poses, propagated from the ellipse and from the camera
 pose_curvature: What the bent map from ellipse to pose adds to a covariance of first order
 shape_rates: How fast the ellipse of a circle moves when the camera does

@@ -1,10 +1,10 @@
 """Maximum likelihood for circles of one plane: focal length, normal, centres and radii from their ellipses.
 
-The parameters are log f, the plane (p, q, 1) . X = 1, for each circle the image of its centre, and log (f radius), which
-is nearly the logarithm of its size in the image. A plane's distance is not determined without a radius in metres, so
-the plane has depth 1 on the optical axis. The dual conic of a circle's image is K (c c^T + r^2 (n n^T - I)) K^T (errata,
-section 2); its ellipse is compared with the measured one by the shape parameters (x, y, S11, S12, S22), which are
-regular for circles, and the derivatives are exact by complex steps.
+The parameters are log f, the plane (p, q, 1) . X = 1, for each circle the image of its centre, and log (f radius),
+which is nearly the logarithm of its size in the image. A plane's distance is not determined without a radius in metres,
+so the plane has depth 1 on the optical axis. The dual conic of a circle's image is K (c c^T + r^2 (n n^T - I)) K^T
+(errata, section 2); its ellipse is compared with the measured one by the shape parameters (x, y, S11, S12, S22), which
+are regular for circles, and the derivatives are exact by complex steps.
 
 Two circles give ten numbers for nine unknowns, two concentric ones ten for seven. Parallel planes are not told from one
 plane: a circle of another plane has the same image as a circle of another radius in this one.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 # or below one of a degree, log f runs away with the noise.
 _SHORTEST, _LONGEST = 0.08, 120.0
 _STEEPEST = 30.0  # tangent of the tilt; beyond 88 degrees an ellipse has no width
+_LARGEST = 10.0  # logarithm of a size in the image, in units of it: beyond any circle that fits in
 _COMPLEX_STEP = 1e-30
 _LARGEST_SIGMA = 2.0  # of log f: a factor of seven is no measurement
 
@@ -65,6 +67,40 @@ class CoplanarFit:
     freedom: int
 
 
+class _Unknowns(NamedTuple):
+    """The unknowns of some circles, in square pixels with the principal point at the origin; complex in derivatives."""
+
+    log_focal: NDArray[Any]  # (..., 1)
+    plane: NDArray[Any]  # (..., 2)
+    middle: NDArray[Any]  # (..., n, 2)
+    size: NDArray[Any]  # (..., n)
+
+    def centre_and_spread(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Centre (..., n, 2) and S S^T (..., n, 2, 2) of the ellipses, and the corner of the dual conic (..., n, 1)."""
+        f = np.exp(self.log_focal)[..., None]
+        m = np.concatenate([self.plane, np.ones_like(self.plane[..., :1])], axis=-1)[..., None, :]
+        ray = np.concatenate([self.middle / f, np.ones_like(self.middle[..., :1])], axis=-1)
+        c = ray / np.sum(ray * m, axis=-1, keepdims=True)
+        r2 = (np.exp(self.size)[..., None] / f) ** 2
+        n = m / np.sqrt(np.sum(m * m, axis=-1, keepdims=True))
+        outer = c[..., :2, None] * c[..., None, :2] + r2[..., None] * (n[..., :2, None] * n[..., None, :2] - np.eye(2))
+        corner = c[..., 2:] ** 2 + r2 * (n[..., 2:] ** 2 - 1.0)
+        centre = (c[..., :2] * c[..., 2:] + r2 * n[..., :2] * n[..., 2:]) * f / corner
+        spread = centre[..., :, None] * centre[..., None, :] - outer * f[..., None] ** 2 / corner[..., None]
+        return centre, spread, corner
+
+    def shapes(self, pixels: Array) -> NDArray[Any]:
+        """Shape parameters (..., n, 5) in the image's pixels; analytic, so that complex steps give derivatives."""
+        centre, m, _ = self.centre_and_spread()
+        centre, m = centre @ pixels.T, pixels @ m @ pixels.T
+        root = np.sqrt(m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2)
+        scale = np.sqrt(
+            m[..., 0, 0] + m[..., 1, 1] + 2.0 * root
+        )  # S = (M + sqrt(det M) I) / sqrt(tr M + 2 sqrt(det M))
+        s = [(m[..., 0, 0] + root) / scale, m[..., 0, 1] / scale, (m[..., 1, 1] + root) / scale]
+        return np.concatenate([centre, np.stack(s, axis=-1)], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem:
     shapes: Array  # (n, 5) measured, the principal point at the origin, in units of the image's size
@@ -78,32 +114,35 @@ class _Problem:
         """Derivatives of the whitened residuals by theta, then the residuals: (P + 1, 5 n)."""
         count = len(theta)
         steps = theta + 1j * _COMPLEX_STEP * np.eye(count + 1, count)
-        made = _shapes_of(*self.unpacked(steps), self.pixels)
+        made = self.unpacked(steps).shapes(self.pixels)
         whitened = (self.whitening @ (made - self.shapes)[..., None])[..., 0].reshape(count + 1, -1)
         return np.concatenate([whitened[:-1].imag / _COMPLEX_STEP, whitened[-1:].real])
 
-    def unpacked(self, theta: NDArray[np.number]) -> tuple[NDArray[np.number], ...]:
-        """Log f (..., 1), plane (..., 2), centres (..., n, 2) and log (f r) (..., n) of parameters (..., P)."""
+    def unpacked(self, theta: NDArray[Any]) -> _Unknowns:
+        """The unknowns of parameters (..., P)."""
         n = len(self.shapes)
         if self.log_focal is not None:
             theta = np.concatenate([np.full_like(theta[..., :1], self.log_focal), theta], axis=-1)
         centres = 1 if self.concentric else n
         middle = theta[..., 3 : 3 + 2 * centres].reshape(*theta.shape[:-1], centres, 2)
-        middle = np.broadcast_to(middle, (*theta.shape[:-1], n, 2))
         size = theta[..., 3 + 2 * centres :]
         if self.relative_radii is not None:
             size = size + np.log(self.relative_radii)
-        return theta[..., :1], theta[..., 1:3], middle, size
+        return _Unknowns(theta[..., :1], theta[..., 1:3], np.broadcast_to(middle, (*theta.shape[:-1], n, 2)), size)
 
     def valid(self, theta: Array) -> bool:
         """Whether the parameters are those of circles in front of a camera."""
         if not np.all(np.isfinite(theta)):
             return False
-        log_f, plane, middle, size = self.unpacked(theta)
-        if not math.log(_SHORTEST) < log_f[0] < math.log(_LONGEST) or float(np.hypot(*plane)) > _STEEPEST:
+        unknowns = self.unpacked(theta)
+        log_focal, plane = float(unknowns.log_focal[0]), unknowns.plane
+        if not math.log(_SHORTEST) < log_focal < math.log(_LONGEST) or float(np.hypot(*plane)) > _STEEPEST:
             return False
-        depth = 1.0 + middle @ plane / math.exp(float(log_f[0]))
-        return bool(np.all(depth > 1e-6) and np.all(size < 10.0) and _in_front(log_f, plane, middle, size))
+        depth = 1.0 + unknowns.middle @ plane / math.exp(log_focal)
+        if not (np.all(depth > 1e-6) and np.all(unknowns.size < _LARGEST)):
+            return False
+        _, spread, corner = unknowns.centre_and_spread()
+        return bool(np.all(corner > 0) and np.all(spread[..., 0, 0] > 0) and np.all(np.linalg.det(spread) > 0))
 
     def minimum(self, theta: Array) -> tuple[Array, Array] | None:
         """Parameters and rows at the minimum; None if the start is invalid."""
@@ -172,20 +211,20 @@ def fit_coplanar(
     theta, rows = found
     cov = inverse_of(rows[:-1] @ rows[:-1].T)
     chi2 = float(rows[-1] @ rows[-1])
-    log_f, plane, middle, log_size = problem.unpacked(theta)
+    unknowns = problem.unpacked(theta)
     sigma = 0.0
     if not focal_known:
         first = math.inf if isinstance(cov, FailedFit) else math.sqrt(max(float(cov[0, 0]), 0.0))
         sigma = _profile_sigma(problem, theta, chi2, first)
-    f = math.exp(float(log_f[0]))
-    m = np.append(plane, 1.0)
-    rays = np.concatenate([middle / f, np.ones((len(e), 1))], axis=1)
+    f = math.exp(float(unknowns.log_focal[0]))
+    m = np.append(unknowns.plane, 1.0)
+    rays = np.concatenate([unknowns.middle / f, np.ones((len(e), 1))], axis=1)
     return CoplanarFit(
         focal_px=f * size,
         focal_sigma=sigma,
         normal=-m / np.linalg.norm(m),
         centre=rays / (rays @ m)[:, None],
-        radius=np.exp(np.broadcast_to(log_size, (len(e),))) / f,
+        radius=np.exp(unknowns.size) / f,
         chi2=chi2,
         freedom=5 * len(e) - len(theta),
     )
@@ -203,64 +242,18 @@ def _start(log_focal: float, plane: Array, problem: _Problem) -> Array:
     weight = e @ line[:2] + 1.0
     middle = e - (spread @ line[:2]) / weight[:, None]
     size = 0.25 * np.log(np.linalg.det(spread))
-    for _ in range(3):  # the size in the image is proportional to the radius, but for the bend by its own width
-        made = _shapes_of(np.array([log_focal]), plane, middle, size, np.eye(2))[..., 2:]
-        size = size + 0.5 * np.log(np.linalg.det(spread) ** 0.5 / (made[:, 0] * made[:, 2] - made[:, 1] ** 2))
+    # The size in the image is proportional to the radius, but for the bend by its own width. A start that is no plane
+    # of ellipses gives numbers that are not finite, which `valid` refuses.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for _ in range(3):
+            made = _Unknowns(np.array([log_focal]), plane, middle, size).shapes(np.eye(2))[:, 2:]
+            size = size + 0.5 * np.log(np.linalg.det(spread) ** 0.5 / (made[:, 0] * made[:, 2] - made[:, 1] ** 2))
     if problem.concentric:
         middle = middle.mean(axis=0, keepdims=True)
     if problem.relative_radii is not None:
         size = np.mean(size - np.log(problem.relative_radii), keepdims=True)
     theta = np.concatenate([[log_focal], plane, middle.ravel(), size])
     return theta if problem.log_focal is None else theta[1:]
-
-
-def _dual(
-    log_f: NDArray[np.number], plane: NDArray[np.number], middle: NDArray[np.number], size: NDArray[np.number]
-) -> tuple[NDArray[np.number], NDArray[np.number], NDArray[np.number]]:
-    """Dual conic of each circle, as its 2x2 block, column and corner, with the principal point at the origin."""
-    f = np.exp(log_f)[..., None]
-    m = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)[..., None, :]
-    ray = np.concatenate([middle / f, np.ones_like(middle[..., :1])], axis=-1)
-    c = ray / np.sum(ray * m, axis=-1, keepdims=True)
-    r2 = (np.exp(size)[..., None] / f) ** 2
-    n2 = np.sum(m * m, axis=-1, keepdims=True)
-    block = (
-        c[..., :2, None] * c[..., None, :2]
-        + r2[..., None] * (m[..., :2, None] * m[..., None, :2] / n2[..., None] - np.eye(2))
-    ) * f[..., None] ** 2
-    column = (c[..., :2] * c[..., 2:] + r2 * m[..., :2] * m[..., 2:] / n2) * f
-    corner = c[..., 2:] ** 2 + r2 * (m[..., 2:] ** 2 / n2 - 1.0)
-    return block, column, corner
-
-
-def _spread(
-    log_f: NDArray[np.number], plane: NDArray[np.number], middle: NDArray[np.number], size: NDArray[np.number]
-) -> tuple[NDArray[np.number], NDArray[np.number]]:
-    block, column, corner = _dual(log_f, plane, middle, size)
-    centre = column / corner
-    return centre, centre[..., :, None] * centre[..., None, :] - block / corner[..., None]
-
-
-def _in_front(log_f: Array, plane: Array, middle: Array, size: Array) -> bool:
-    _, _, corner = _dual(log_f, plane, middle, size)
-    _, spread = _spread(log_f, plane, middle, size)
-    return bool(np.all(corner > 0) and np.all(spread[..., 0, 0] > 0) and np.all(np.linalg.det(spread) > 0))
-
-
-def _shapes_of(
-    log_f: NDArray[np.number],
-    plane: NDArray[np.number],
-    middle: NDArray[np.number],
-    size: NDArray[np.number],
-    pixels: Array,
-) -> NDArray[np.number]:
-    """Shape parameters (..., n, 5); analytic in all arguments, so that complex steps give derivatives."""
-    centre, m = _spread(log_f, plane, middle, size)
-    centre, m = centre @ pixels.T, pixels @ m @ pixels.T
-    root = np.sqrt(m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2)
-    scale = np.sqrt(m[..., 0, 0] + m[..., 1, 1] + 2.0 * root)  # S = (M + sqrt(det M) I) / sqrt(tr M + 2 sqrt(det M))
-    s = [(m[..., 0, 0] + root) / scale, m[..., 0, 1] / scale, (m[..., 1, 1] + root) / scale]
-    return np.concatenate([centre, np.stack(s, axis=-1)], axis=-1)
 
 
 def _profile_sigma(problem: _Problem, theta: Array, chi2: float, first: float) -> float:

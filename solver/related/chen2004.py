@@ -1,4 +1,4 @@
-"""Chen 2004: focal length, normal and centres from two or more coplanar circles, by a search over the focal length.
+"""Chen: focal length, normal and centres from two or more coplanar circles, by a search over the focal length.
 
 For a focal length f, each ellipse has two supporting planes. In coordinates with the principal point at the origin,
 with the eigenvalues l1 >= l2 > 0 > l3 of diag(1, 1, 1/f) C diag(1, 1, 1/f) (C negative inside) and eigenvectors V,
@@ -24,9 +24,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.scenes.geometry.conic import ellipse_of_conic
+from roundel.scenes.geometry.conic import conic_of_ellipse, ellipse_of_conic
 from roundel.scenes.geometry.pose import angle_deg
+from roundel.solver.fit.ellipse import FailedFit
+from roundel.solver.methods.plugin import Found, View
 from roundel.solver.pose.circle_pose import poses_from_ellipse
+from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
+from roundel.solver.related.plane_of_view import (
+    focal_of_fit,
+    founds_in_plane,
+    measurements,
+    printed_circles,
+    refuse_misfit,
+)
 
 Array = NDArray[np.float64]
 
@@ -36,6 +46,7 @@ _STEPS = 160
 _ZOOM = 20  # points of an interval that is narrowed
 _ROUNDS = 12  # each narrows it to a tenth
 _STEEPEST_DEG = 90.0  # fastest turn of a normal with log f: d tan = tan, so half a radian, for two normals
+_STARTS = 4  # minima of the search that are refined
 _FLAT = 1.05  # a focal length that is wrong by this factor must explain the circles worse
 
 
@@ -174,3 +185,51 @@ def _plane(
     centre = np.take_along_axis(poses.centre_m, which[:, None, None], axis=1)[:, 0]
     image = f * centre[:, :2] / centre[:, 2:]
     return PlaneOfCircles(f * size, normal, image * size + principal_point, angle)
+
+
+def measured_plane(ellipses: ArrayLike, shape_covs: ArrayLike, K: ArrayLike) -> CoplanarFit | FailedFit:
+    """Focal length and plane of noisy ellipses: the search, then the refinement of all unknowns.
+
+    Parameters
+    ----------
+    ellipses, shape_covs, K
+        See `fit_coplanar`; the focal length of K is not used.
+
+    Returns
+    -------
+    CoplanarFit or FailedFit
+        The best of the refined minima of the search.
+    """
+    e, k = np.asarray(ellipses, dtype=np.float64), np.asarray(K, dtype=np.float64)
+    square = np.eye(3)
+    square[:2, :2] = k[:2, :2] / k[0, 0]
+    moved = ellipse_of_conic(square.T @ conic_of_ellipse(e - np.concatenate([k[:2, 2], np.zeros(3)])) @ square)
+    size = float(np.max(np.hypot(moved[:, 0], moved[:, 1]) + moved[:, 2]))
+    scaled = moved / np.array([size, size, size, size, 1.0])
+    log_f = np.linspace(math.log(_SHORTEST), math.log(_LONGEST), _STEPS)
+    normals = _normals(log_f, scaled)
+    starts: list[tuple[float, float, Array]] = []
+    for first in (0, 1):
+        mean, _ = _closest(normals, first)
+        cost = _spread_deg(normals, first)
+        ends = np.concatenate([[np.inf], cost, [np.inf]])
+        lowest = np.flatnonzero((cost <= ends[:-2]) & (cost <= ends[2:]))
+        starts += [(float(cost[i]), float(log_f[i]), mean[i]) for i in lowest]
+    best: CoplanarFit | FailedFit = FailedFit("no focal length makes the circles coplanar")
+    for _, at, normal in sorted(starts, key=lambda start: start[0])[:_STARTS]:
+        start_k = k.copy()
+        start_k[:2, :2] *= math.exp(at) * size / k[0, 0]
+        fit = fit_coplanar(e, shape_covs, start_k, normal)
+        if not isinstance(fit, FailedFit) and (isinstance(best, FailedFit) or fit.chi2 < best.chi2 - 1e-9):
+            best = fit
+    return best
+
+
+def find(view: View) -> list[Found]:
+    """Focal length, and a pose of each of two or more coplanar circles."""
+    circles, diameters_m = printed_circles(view, 2)
+    ellipses, covs = measurements(circles)
+    fit = measured_plane(ellipses, covs, view.camera.K)
+    if not isinstance(fit, FailedFit):
+        refuse_misfit(fit, "the circles are not in one plane")
+    return founds_in_plane(view, circles, diameters_m, focal_of_fit(fit))

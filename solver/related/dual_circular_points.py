@@ -108,8 +108,8 @@ def focal_from_dual(dual: ArrayLike) -> float:
     point = circular_points(d / np.linalg.norm(d))
     if abs(point[2]) < _AT_INFINITY * float(np.linalg.norm(point)):
         raise ValueError(
-            "the circles are parallel to the image: their vanishing line is at infinity, and every focal length explains "
-            "them; tilt their plane"
+            "the circles are parallel to the image: their vanishing line is at infinity, and every focal length "
+            "explains them; tilt their plane"
         )
     inverse = float(inverse_focal_squared(point))
     if not inverse > 0:

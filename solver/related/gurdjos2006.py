@@ -1,4 +1,4 @@
-"""Gurdjos 2006: two or more parallel circles give the image of the circular points, by the pencils of their conics.
+"""Gurdjos: two or more parallel circles give the image of the circular points, by the pencils of their conics.
 
 The images of two circles of one plane, or of parallel planes, meet in four points, of which two are the images of the
 circular points. The pencil C1 - lambda C2 has three degenerate members, one for each generalised eigenvalue; each is a
@@ -30,18 +30,28 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.scenes.geometry.conic import ellipse_of_conic
+from roundel.scenes.geometry.conic import conic_of_ellipse, ellipse_of_conic
+from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.related.dual_circular_points import (
     dual_circular_points,
     focal_from_dual,
     image_frame,
     moved_conic,
 )
+from roundel.solver.related.plane_of_view import (
+    LARGEST_SIGMA,
+    MeasuredFocal,
+    founds_in_plane,
+    measurements,
+    printed_circles,
+)
+from roundel.solver.related.propagation import log_focal_sigma
 
 Array = NDArray[np.float64]
 
 # Relative difference of two eigenvalues that count as one: the root of the rounding of a conic, 1e-16 of 1, is 1e-8.
 _DOUBLE = 1e-7
+_NOISY = 0.3  # tolerance of `spread` for measured circles, whose noise is judged by its effect on the focal length
 _UNIT_PX = 1000.0  # of the order of a focal length, so that the elements of a dual conic are of the same order
 
 
@@ -110,13 +120,10 @@ def circular_points_of_circles(conics: ArrayLike, tolerance: float = 1e-6) -> li
     outside = [[line for line in lines if _clear(line, moved, centres)] for lines in pairs]
     if not all(outside):
         raise ValueError(
-            "the circles are not parallel: each line of their pencil meets one of them or separates them, so none is the "
-            "vanishing line of all"
+            "the circles are not parallel: each line of their pencil meets one of them or separates them, so none is "
+            "the vanishing line of all"
         )
-    if len(c) == 2:
-        merged = [(line, 0.0) for line in outside[0]]
-    else:
-        merged = _agreeing(outside, tolerance)
+    merged = [(line, 0.0) for line in outside[0]] if len(c) == 2 else _agreeing(outside, tolerance)
     out = []
     for line, spread in merged:
         line = np.copysign(1.0, centres[0] @ line) * line
@@ -180,6 +187,49 @@ def _agreeing(pairs: list[list[Array]], tolerance: float) -> list[tuple[Array, f
     assert best is not None
     if best[1] > tolerance:
         raise ValueError(
-            f"the circles are not parallel: the vanishing lines of their pairs differ by {best[1]:.2g} of the image's size"
+            "the circles are not parallel: the vanishing lines of their pairs differ by "
+            f"{best[1]:.2g} of the image's size"
         )
     return [best]
+
+
+def find(view: View) -> list[Found]:
+    """Focal length, and a pose of each of two or more parallel circles."""
+    circles, diameters_m = printed_circles(view, 2)
+    ellipses, covs = measurements(circles)
+    measured = measured_focal(ellipses, covs, view.camera.K)
+    if measured is not None and not measured.sigma <= LARGEST_SIGMA:
+        measured = None
+    return founds_in_plane(view, circles, diameters_m, measured)
+
+
+def measured_focal(ellipses: Array, shape_covs: Array, K: Array) -> MeasuredFocal | None:
+    """Focal length of noisy ellipses by the closed form; None if there is none. The focal length of K is not used.
+
+    Raises
+    ------
+    MethodFailure
+        If the circles are not parallel, or two solutions remain.
+    """
+    square = np.eye(3)
+    square[:2, :2] = K[:2, :2] / K[0, 0]
+    square[:2, 2] = K[:2, 2]
+
+    def solutions(of: Array, tolerance: float) -> list[CircularPoints]:
+        return circular_points_of_circles(square.T @ conic_of_ellipse(of) @ square, tolerance)
+
+    def focal_of(of: Array) -> float:
+        return solutions(of, 1.0)[0].focal_px([0.0, 0.0])
+
+    # The line of a pair of circles is as wrong as the noise over the pair's extent, times the distance of the line.
+    try:
+        found = solutions(ellipses, _NOISY)
+    except ValueError as error:
+        raise MethodFailure(str(error)) from error
+    if len(found) > 1:
+        raise MethodFailure("one circle is inside the other, and not concentric: two vanishing lines remain")
+    try:
+        focal = focal_of(ellipses)
+    except ValueError:
+        return None
+    return MeasuredFocal(focal, log_focal_sigma(focal_of, ellipses, shape_covs))

@@ -1,4 +1,4 @@
-"""Kim 2005: two concentric circles give the image of their centre, the vanishing line, and the focal length.
+"""Kim: two concentric circles give the image of their centre, the vanishing line, and the focal length.
 
 Scaled so that C_i = H^-T diag(1, 1, -r_i^2) H^-1, the images of two concentric circles differ by
 
@@ -18,21 +18,34 @@ their applications to camera calibration, IEEE Trans. PAMI 27(4) (2005), section
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from roundel.scenes.geometry.conic import ellipse_of_conic
+from roundel.scenes.geometry.conic import conic_of_ellipse, ellipse_of_conic
+from roundel.solver.fit.ellipse import FailedFit
+from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
+from roundel.solver.related.circles_of_view import CircleImage, circles_of_view, require_kind
 from roundel.solver.related.dual_circular_points import (
     dual_circular_points,
     focal_from_dual,
     image_frame,
     line_from_centre,
     moved_conic,
+    normal_from_line,
 )
+from roundel.solver.related.plane_of_view import focal_of_fit, founds_in_plane, measurements, refuse_misfit
 
 Array = NDArray[np.float64]
+
+# Focal lengths from which the joint fit starts, in units of the distance from the principal point to the ellipse's far
+# end: fields of view from some 100 to 10 degrees for a marker in the outer part of an image, and one in its middle.
+_STARTS = (1.0, 4.0, 16.0)
+_RATIO_TOLERANCE = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +106,8 @@ def concentric_pair(outer: ArrayLike, inner: ArrayLike, tolerance: float = 1e-5)
     eccentricity = float(np.abs(others[0] - others[1]) / np.abs(double))
     if eccentricity > tolerance:
         raise ValueError(
-            f"the circles are not concentric: two eigenvalues of their pencil differ by {eccentricity:.2g} of their size"
+            "the circles are not concentric: two eigenvalues of their pencil differ by "
+            f"{eccentricity:.2g} of their size"
         )
     o = np.real(vectors[:, odd])
     if abs(o[2]) <= np.hypot(o[0], o[1]):
@@ -132,6 +146,83 @@ def focal_of_concentric(
     line = pair.line @ np.linalg.inv(frame)
     dual = dual_circular_points(moved_conic(conics, frame), line / np.linalg.norm(line)).mean(axis=0)
     return size * focal_from_dual(dual)
+
+
+def find(view: View) -> list[Found]:
+    """Focal length and pose of each pair of concentric circles: the outer one, and the inner one that tells most."""
+    require_kind(view, "ring", "rings", "coded_rings")
+    circles = circles_of_view(view, inner=True)
+    if not circles:
+        return []
+    pairs = [(circle, inner) for circle in circles for inner in circle.inner]
+    if not pairs:
+        raise MethodFailure(f"it needs two concentric circles; none of the {len(circles)} circles found has one inside")
+    return [_found(view, circle) for circle in circles if circle.inner]
+
+
+def _found(view: View, circle: CircleImage) -> Found:
+    best: tuple[CoplanarFit, CircleImage] | None = None
+    problem = ""
+    for inner in circle.inner:
+        try:
+            fit = measured_pair([circle, inner], view.camera.K)
+            if isinstance(fit, FailedFit):
+                raise MethodFailure(fit.reason)
+            refuse_misfit(fit, "the circles are not concentric")
+            _refuse_ratio(view, float(fit.radius[1] / fit.radius[0]))
+        except ValueError as error:
+            problem = problem or str(error)
+            continue
+        if best is None or fit.focal_sigma < best[0].focal_sigma:
+            best = fit, inner
+    if best is None:
+        return Found(failure=problem)
+    fit, inner = best
+    diameters_m = view.diameter_m * fit.radius / fit.radius[0]
+    try:
+        return founds_in_plane(view, [circle, inner], diameters_m, focal_of_fit(fit), concentric=True)[0]
+    except MethodFailure as error:
+        return Found(failure=str(error))
+
+
+def measured_pair(pair: Sequence[CircleImage], K: Array) -> CoplanarFit | FailedFit:
+    """The joint fit of an outer and an inner circle, started from the closed form; the focal length of K is not used.
+
+    Raises
+    ------
+    ValueError
+        If the closed form refuses them.
+    """
+    ellipses, covs = measurements(pair)
+    # Noise splits the double eigenvalue by a few times its size over the smaller ellipse's; the joint fit decides.
+    noise = math.sqrt(float(np.max(np.linalg.eigvalsh(covs)))) / float(ellipses[1, 3])
+    outer, inner = conic_of_ellipse(ellipses)
+    line = concentric_pair(outer, inner, 0.01 + 20.0 * noise).line
+    reach = float(np.hypot(*(ellipses[0, :2] - K[:2, 2])) + ellipses[0, 2])
+    best: CoplanarFit | FailedFit = FailedFit("no plane fits the circles")
+    for focal in reach * np.array(_STARTS):
+        start = np.array(K)
+        start[:2, :2] *= focal / K[0, 0]
+        fit = fit_coplanar(ellipses, covs, start, normal_from_line(line, start), concentric=True)
+        if not isinstance(fit, FailedFit) and (isinstance(best, FailedFit) or fit.chi2 < best.chi2 - 1e-6):
+            best = fit
+    return best
+
+
+def _refuse_ratio(view: View, ratio: float) -> None:
+    """Refuse a ratio of radii that the print does not have: a swapped, or another, circle."""
+    printed = []
+    for marker in view.markers:
+        layout = marker.get("layout") or {}
+        if "inner_diameter_m" in layout:
+            printed.append(layout["inner_diameter_m"] / marker["diameter_m"])
+        printed += [d / marker["diameter_m"] for d in layout.get("diameters_m", [])[1:]]
+        printed += [layout[key] for key in ("disc", "code_from", "code_to", "ring_from") if key in layout]
+    if printed and min(abs(ratio - p) for p in printed) > _RATIO_TOLERANCE:
+        raise MethodFailure(
+            f"the radii have the ratio {ratio:.3f}, which the print does not have "
+            f"({', '.join(f'{p:.3g}' for p in sorted(printed))}): they are swapped, or another circle is inside"
+        )
 
 
 def _odd(values: NDArray[np.number]) -> int:

@@ -1,4 +1,4 @@
-"""Wu 2004: both normals of a circle's plane from its image and a known camera; two circles of one view choose.
+"""Wu: both normals of a circle's plane from its image and a known camera; two circles of one view choose.
 
 With the cone A = K^T C K of a circle's image (for K = diag(f, f, 1) it is diag(f, f, 1) C diag(f, f, 1)), scaled so
 that its eigenvalues are l1 >= l2 > 0 > l3, and its orthonormal eigenvectors as the columns of V, the planes that cut

@@ -46,7 +46,8 @@ def circle_scene(
     """
     radii, offsets = np.asarray(radii, dtype=np.float64), np.asarray(offsets, dtype=np.float64)
     f = generator.uniform(700.0, 2000.0) if focal_px is None else focal_px
-    pp = generator.uniform(-30, 30, 2) + [639.5, 479.5] if principal_point is None else principal_point
+    middle = np.array([639.5, 479.5])
+    pp = middle + generator.uniform(-30, 30, 2) if principal_point is None else np.asarray(principal_point)
     k = np.array([[f, 0.0, pp[0]], [0.0, f, pp[1]], [0.0, 0.0, 1.0]])
     normal = normal_of(generator.uniform(*tilt_deg), generator.uniform(-180, 180))
     unit_m = 2.0 * radii[0]
