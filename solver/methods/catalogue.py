@@ -75,6 +75,20 @@ CATALOGUE: tuple[Listed, ...] = (
         "Gurdjos, Sturm, Wu, Euclidean structure from N >= 2 parallel circles, ECCV 2006",
     ),
     _related(
+        "huang2015",
+        "ring rings coded_rings",
+        "two concentric circles in three views or more: common self-polar triangles, then a joint fit",
+        "focal length, pose",
+        "Huang, Zhang, Cheung, The common self-polar triangle of concentric circles, CVPR 2015",
+    ),
+    _related(
+        "pollefeys1999",
+        "dot_ring",
+        "a plane of dots in three views or more: what it shows of the absolute dual quadric",
+        "focal length, poses",
+        "Pollefeys, Koch, Van Gool, Self-calibration and metric reconstruction, IJCV 32(1) 1999",
+    ),
+    _related(
         "szpak2015",
         "disc ring rings coded_rings two_discs dot_ring",
         "guaranteed ellipse of the edge points, by Sampson distances",

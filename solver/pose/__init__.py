@@ -7,6 +7,8 @@ circle_pose_batch: Both poses of many circles at once, vectorised; `circle_pose`
 circle_pose_scalar: Both poses of a single circle in plain Python floats, without the overhead of vectorised calls
 coplanar_circles: Maximum likelihood for circles of one plane: focal length, normal, centres and radii from their
     ellipses
+plane_homography: Homography from a plane to the image, by maximum likelihood from the ellipses of circles at known
+    places in it
 pose_covariance: Covariance of both poses, propagated from the ellipse and from the camera
 pose_curvature: What the bent map from ellipse to pose adds to a covariance of first order
 shape_rates: How fast the ellipse of a circle moves when the camera does

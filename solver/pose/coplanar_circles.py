@@ -9,8 +9,9 @@ are regular for circles, and the derivatives are exact by complex steps.
 Two circles give ten numbers for nine unknowns, two concentric ones ten for seven. Parallel planes are not told from one
 plane: a circle of another plane has the same image as a circle of another radius in this one.
 
-The standard deviation of log f is that of the profile of the likelihood, not of its curvature at the minimum alone:
-near a plane that is parallel to the image the curvature says little.
+The standard deviation of log f is not that of the curvature at the minimum, which says little near a plane that is
+parallel to the image, and too little about long focal lengths, because the perspective that measures f is proportional
+to 1 / f. It is the distance to the farther end of the 95 % interval of the profile of the likelihood, over 1.96.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ _SHORTEST, _LONGEST = 0.08, 120.0
 _STEEPEST = 30.0  # tangent of the tilt; beyond 88 degrees an ellipse has no width
 _LARGEST = 10.0  # logarithm of a size in the image, in units of it: beyond any circle that fits in
 _COMPLEX_STEP = 1e-30
-_LARGEST_SIGMA = 2.0  # of log f: a factor of seven is no measurement
+QUANTILE = 1.96  # of the normal distribution: 95 % lie within as many standard deviations
+_LARGEST_SIGMA = 1.0  # of log f: a factor of three is no measurement
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +94,7 @@ class _Unknowns(NamedTuple):
     def shapes(self, pixels: Array) -> NDArray[Any]:
         """Shape parameters (..., n, 5) in the image's pixels; analytic, so that complex steps give derivatives."""
         centre, m, _ = self.centre_and_spread()
-        centre, m = centre @ pixels.T, pixels @ m @ pixels.T
-        root = np.sqrt(m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2)
-        scale = np.sqrt(
-            m[..., 0, 0] + m[..., 1, 1] + 2.0 * root
-        )  # S = (M + sqrt(det M) I) / sqrt(tr M + 2 sqrt(det M))
-        s = [(m[..., 0, 0] + root) / scale, m[..., 0, 1] / scale, (m[..., 1, 1] + root) / scale]
-        return np.concatenate([centre, np.stack(s, axis=-1)], axis=-1)
+        return shapes_of_spread(centre @ pixels.T, pixels @ m @ pixels.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,21 +252,33 @@ def _start(log_focal: float, plane: Array, problem: _Problem) -> Array:
     return theta if problem.log_focal is None else theta[1:]
 
 
+def shapes_of_spread(centre: NDArray[Any], spread: NDArray[Any]) -> NDArray[Any]:
+    """Shape parameters (..., 5) of ellipses from their centres (..., 2) and M = S S^T (..., 2, 2).
+
+    S = (M + sqrt(det M) I) / sqrt(tr M + 2 sqrt(det M)); analytic in all elements.
+    """
+    m11, m12, m22 = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
+    root = np.sqrt(m11 * m22 - m12**2)
+    scale = np.sqrt(m11 + m22 + 2.0 * root)
+    s = np.stack([(m11 + root) / scale, m12 / scale, (m22 + root) / scale], axis=-1)
+    return np.concatenate([centre, s], axis=-1)
+
+
 def _profile_sigma(problem: _Problem, theta: Array, chi2: float, first: float) -> float:
-    """The larger distance in log f, to either side, at which the least chi2 of the others has risen by one."""
+    """1 / 1.96 of the larger distance in log f at which the least chi2 of the others has risen by 1.96^2."""
     if not first < _LARGEST_SIGMA:
         return math.inf
-    largest = first
+    largest = QUANTILE * first
     for side in (-1.0, 1.0):
-        reach = first
-        for _ in range(6):
+        reach = QUANTILE * first
+        for _ in range(8):
             log_focal = float(theta[0]) + side * reach
             found = replace(problem, log_focal=log_focal).minimum(theta[1:])
             rise = math.inf if found is None else float(found[1][-1] @ found[1][-1]) - chi2
-            if rise > 0.8:  # as good as one: a tenth of the sigma
+            if rise > 0.9 * QUANTILE**2:  # within a twentieth of the distance
                 break
-            reach *= min(1.0 / math.sqrt(max(rise, 1e-2)), 3.0)
-            if reach > _LARGEST_SIGMA:
+            reach *= min(QUANTILE / math.sqrt(max(rise, 0.1)), 3.0)
+            if reach > QUANTILE * _LARGEST_SIGMA:
                 return math.inf
         largest = max(largest, reach)
-    return largest
+    return largest / QUANTILE

@@ -38,14 +38,13 @@ from roundel.solver.related.dual_circular_points import (
     image_frame,
     moved_conic,
 )
+from roundel.solver.related.focal_uncertainty import MeasuredFocal, log_focal_sigma
 from roundel.solver.related.plane_of_view import (
     LARGEST_SIGMA,
-    MeasuredFocal,
     founds_in_plane,
     measurements,
     printed_circles,
 )
-from roundel.solver.related.propagation import log_focal_sigma
 
 Array = NDArray[np.float64]
 

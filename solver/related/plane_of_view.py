@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,26 +15,21 @@ from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
+from roundel.solver.pose.plane_homography import PlaneHomography
 from roundel.solver.related.circles_of_view import CircleImage, circles_of_view, with_focal
+from roundel.solver.related.focal_uncertainty import MeasuredFocal
 
 Array = NDArray[np.float64]
 
 # Error of a fitted ellipse that its covariance leaves out, in each shape parameter: ink and blur that no model has.
 _FLOOR_PX = 0.002
-# A focal length known to a factor of 1.65 adds nothing to a prior of 11.5 %, and its error is far from normal.
-LARGEST_SIGMA = 0.5
+# At this standard deviation of log f the perspective that measures f is five of its own standard deviations. Of weaker
+# ones only those that noise has magnified would be stated, with too small a standard deviation, and too short an f.
+LARGEST_SIGMA = 0.25
 # Circles that are circles of one plane are refused once in a million images.
 _MISFIT = 1e-6
 # Radii over printed radii of circles in one plane agree to this fraction, and to three standard deviations.
 _RADIUS_TOLERANCE = 0.03
-
-
-@dataclass(frozen=True)
-class MeasuredFocal:
-    """A focal length in pixels and the standard deviation of its logarithm."""
-
-    focal_px: float
-    sigma: float
 
 
 def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[CircleImage], Array]:
@@ -84,7 +78,7 @@ def focal_of_fit(fit: CoplanarFit | FailedFit) -> MeasuredFocal | None:
     return MeasuredFocal(fit.focal_px, fit.focal_sigma)
 
 
-def refuse_misfit(fit: CoplanarFit, what: str) -> None:
+def refuse_misfit(fit: CoplanarFit | PlaneHomography, what: str) -> None:
     """Refuse ellipses whose residuals have chance below one in a million.
 
     Raises
