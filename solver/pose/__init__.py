@@ -7,6 +7,8 @@ circle_pose_batch: Both poses of many circles at once, vectorised; `circle_pose`
 circle_pose_scalar: Both poses of a single circle in plain Python floats, without the overhead of vectorised calls
 coplanar_circles: Maximum likelihood for circles of one plane: focal length, normal, centres and radii from their
     ellipses
+focal_uncertainty: Standard deviation of log f, the focal length, of a closed form of ellipses and of a least sum of
+    squares
 plane_homography: Homography from a plane to the image, by maximum likelihood from the ellipses of circles at known
     places in it
 pose_covariance: Covariance of both poses, propagated from the ellipse and from the camera

@@ -5,8 +5,6 @@ chen2004: Chen: focal length, normal and centres from two or more coplanar circl
 circles_of_view: Circles of a view, as conics with covariance: what methods of several circles start from
 dual_circular_points: Identities between a circle's image, its centre, the vanishing line, the circular points and
     the focal length
-focal_uncertainty: Standard deviation of log f, the focal length, of a closed form of ellipses and of a least sum of
-    squares
 gurdjos2006: Gurdjos: two or more parallel circles give the image of the circular points, by the pencils of their
     conics
 huang2015: Huang: common self-polar triangles of two concentric circles in three or more views give the calibration

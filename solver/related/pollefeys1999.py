@@ -34,10 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.pose.focal_uncertainty import MeasuredFocal, profiled_focal
 from roundel.solver.pose.plane_homography import PlaneHomography, fit_homography
 from roundel.solver.related.circles_of_view import CircleImage, circles_of_view
 from roundel.solver.related.dual_circular_points import image_frame
-from roundel.solver.related.focal_uncertainty import MeasuredFocal, profiled_focal
 from roundel.solver.related.plane_of_view import LARGEST_SIGMA, camera_of, measurements, refuse_misfit
 
 Array = NDArray[np.float64]
@@ -187,10 +187,10 @@ def shared_focal(homographies: Sequence[PlaneHomography], K: ArrayLike) -> Measu
         for h, cov in moved:
             (miss,) = _products(h[None], omega)
             first, second = omega * h[:, 0], omega * h[:, 1]
-            rate = np.zeros((2, 3, 3))  # by the elements of h
-            rate[0, :, 0], rate[0, :, 1] = 2.0 * first, -2.0 * second
-            rate[1, :, 0], rate[1, :, 1] = 2.0 * second, 2.0 * first
-            rate = rate.reshape(2, 9)
+            by_element = np.zeros((2, 3, 3))
+            by_element[0, :, 0], by_element[0, :, 1] = 2.0 * first, -2.0 * second
+            by_element[1, :, 0], by_element[1, :, 1] = 2.0 * second, 2.0 * first
+            rate = by_element.reshape(2, 9)
             total += float(miss @ np.linalg.solve(rate @ cov @ rate.T, miss))
         return total
 
@@ -211,7 +211,7 @@ def _square_frame(K: ArrayLike) -> Array:
     """From pixels to square ones with the principal point at the origin, in units of `_UNIT_PX`."""
     k = np.array(K, dtype=np.float64)
     k[:2, :2] *= _UNIT_PX / k[0, 0]
-    return np.linalg.inv(k)
+    return np.asarray(np.linalg.inv(k), dtype=np.float64)
 
 
 def _form(a: Array, b: Array) -> Array:
