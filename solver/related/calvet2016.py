@@ -1,0 +1,197 @@
+"""Coded crowns (CCTag): identity, image of the centre, unique pose and focal length from one marker.
+
+Source: L. Calvet, P. Gurdjos, C. Griwodz, S. Gasparini, Detection and accurate localization of circular fiducials under
+highly challenging conditions, CVPR (2016). The steps are theirs: an outer ellipse; the image of the centre as the point
+for which the image, rectified by the homography of ellipse and centre, looks alike along all cuts from the centre to the
+rim; the identity as the nearest profile of a bank. From ellipse C and centre o follow the vanishing line v ~ C o, the
+normal K^T v, and the focal length by the circular points (v meets C).
+
+Three things are ours. The outer ellipses come from Roundel's detector instead of voting along gradients. The cuts are
+made to agree by Gauss-Newton from the best of a coarse grid, where the paper shrinks a grid. Once the identity is
+known, homography, blur and levels are fitted to all pixels of the print together, which gives a covariance: poses and
+focal length are those of least squares with it (`homography_pose`). Bank and print are `scenes.markers.ring_codes`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.markers.ring_codes import CELLS, ring_code_radii, ring_code_words
+from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.related.circles_of_view import circles_of_view, require_kind
+from roundel.solver.related.disc_pattern import PatternFit, Pixels, coverage_of, fit_pattern, unexplained
+from roundel.solver.related.homography_pose import homography_of
+from roundel.solver.related.marker_pixels import (
+    LightImage,
+    conic_of_homography,
+    found_of,
+    light_image,
+    pixels_inside,
+)
+
+Array = NDArray[np.float64]
+
+KINDS = ("ring_code",)
+
+_CUTS, _STEPS = 64, 32
+_GRID = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])  # centres tried, in semi-axes about that of the ellipse
+_ROUNDS = 12
+_REACH = 1.12  # of the pixels that are compared, in outer radii
+_LEAST_CONFIDENCE = 0.2
+# Log-likelihood by which the best word must beat every other, and the residual that it may leave: of the contrast,
+# plus the image's noise. A profile that is one cell off somewhere leaves a quarter of the contrast there.
+_DECISIVE = 20.0
+_LEFT, _NOISES = 0.10, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class RingReading:
+    """One marker as read: its identity, and the fit of its print."""
+
+    identity: int
+    fit: PatternFit
+
+
+def vanishing_line_of(conic: Array, centre_px: Array) -> Array:
+    """v ~ C o, the polar of the centre's image: (3,), unit norm."""
+    line = conic @ np.array([centre_px[0], centre_px[1], 1.0])
+    return np.asarray(line / np.linalg.norm(line))
+
+
+def normal_of_line(line: Array, K: Array, conic: Array, centre_px: Array) -> Array:
+    """Unit normal toward the camera of the plane with a vanishing line: +-K^T v."""
+    normal = K.T @ line
+    normal = normal / np.linalg.norm(normal)
+    towards = np.linalg.solve(K, np.array([centre_px[0], centre_px[1], 1.0]))
+    return np.asarray(normal if normal @ towards < 0 else -normal)
+
+
+def focal_of_circular_points(conic: Array, centre_px: Array, K: Array) -> float:
+    """Focal length fx by the circular points, for square pixels: f^2 = -(I1^2 + I2^2) / I3^2 about the principal point.
+
+    Raises
+    ------
+    ValueError
+        If the plane is parallel to the image (I3 = 0), or no real focal length explains ellipse and centre.
+    """
+    axes = K.copy()
+    axes[:2, :2] /= K[0, 0]
+    about = axes.T @ conic @ axes
+    line = about @ np.linalg.solve(axes, np.array([centre_px[0], centre_px[1], 1.0]))
+    # Two points of the line; the circular point is p + z q with (p + z q)^T C (p + z q) = 0.
+    _, _, rows = np.linalg.svd(line[None])
+    p, q = rows[1], rows[2]
+    roots = np.roots([q @ about @ q, 2 * p @ about @ q, p @ about @ p])
+    point = p + roots[0] * q
+    if abs(point[2]) < 1e-12 * np.abs(point).max():
+        raise ValueError("the marker is parallel to the image: any focal length explains it")
+    square = -(point[0] ** 2 + point[1] ** 2) / point[2] ** 2
+    if not square.real > 0:
+        raise ValueError("no real focal length explains the ellipse and the image of its centre")
+    return math.sqrt(float(square.real))
+
+
+def centre_by_cuts(image: LightImage, conic: Array) -> Array | None:
+    """Image of the centre, (2,): where rectified cuts from the centre to the rim agree best; None if they never do."""
+    turn = np.arange(_CUTS) * (2 * np.pi / _CUTS)
+    radius = (np.arange(_STEPS) + 0.5) / _STEPS
+    plane = np.stack([np.outer(radius, np.cos(turn)), np.outer(radius, np.sin(turn)), np.ones((_STEPS, _CUTS))], axis=-1)
+    middle = homography_of(conic, _middle(conic))
+
+    def disagreement(w: Array) -> Array:
+        point = middle @ np.array([w[0], w[1], 1.0])
+        px = plane @ homography_of(conic, point[:2] / point[2]).T
+        levels = image.at(px[..., :2] / px[..., 2:])
+        return np.asarray(levels - levels.mean(axis=1, keepdims=True)).ravel()
+
+    tried = [(x, y) for x in _GRID for y in _GRID]
+    costs = [float(np.sum(disagreement(np.array(w)) ** 2)) for w in tried]
+    if not np.any(np.isfinite(costs)):
+        return None
+    w = np.array(tried[int(np.nanargmin(costs))])
+    left = disagreement(w)
+    for _ in range(_ROUNDS):
+        jacobian = np.stack(
+            [(disagreement(w + d) - disagreement(w - d)) / 0.01 for d in 0.005 * np.eye(2)], axis=1
+        )
+        step = np.clip(-np.linalg.lstsq(jacobian, left, rcond=None)[0], -0.03, 0.03)
+        while np.abs(step).max() > 1e-5:
+            ahead = disagreement(w + step) if np.hypot(*(w + step)) < 0.5 else np.full_like(left, np.inf)
+            if ahead @ ahead < left @ left:
+                w, left = w + step, ahead
+                break
+            step = step / 2
+        else:
+            break
+    point = middle @ np.array([w[0], w[1], 1.0])
+    return np.asarray(point[:2] / point[2])
+
+
+def _middle(conic: Array) -> Array:
+    return np.asarray(-np.linalg.solve(conic[:2, :2], conic[:2, 2]))
+
+
+def read_profile(pixels: Pixels, matrix: Array, variance: float) -> tuple[int, float]:
+    """The word of the bank that explains the pixels best, and the log-likelihood by which it beats the others."""
+    words = ring_code_words().astype(np.float64)
+    radii = (CELLS - np.arange(CELLS)) / CELLS
+    discs = np.stack([np.zeros(CELLS), np.zeros(CELLS), radii], axis=1)
+    covered = coverage_of(pixels.places, matrix, discs, variance, generators=False).covered
+    # Cell k is the disc of radius k less the next one inward.
+    cells = covered - np.concatenate([covered[:, 1:], np.zeros((len(covered), 1))], axis=1)
+    left, contrast = unexplained(pixels, cells @ words.T)
+    left = np.where(np.sign(contrast) == np.sign(contrast[np.argmin(left)]), left, 1.0)
+    first, second = np.argsort(left)[:2]
+    return int(first), 0.5 * len(pixels.values) * math.log(max(left[second], 1e-12) / max(left[first], 1e-12))
+
+
+def read_crowns(image: LightImage, conic: Array, variance: float) -> RingReading | str:
+    """Read the marker whose outer circle has this image; a reason if none of the bank is there."""
+    centre = centre_by_cuts(image, conic)
+    if centre is None:
+        return "a circle reaches beyond the image"
+    matrix = homography_of(conic, centre)
+    pixels = pixels_inside(image, conic, _REACH)
+    if pixels is None:
+        return "a circle reaches beyond the image, or has too few pixels"
+    identity, margin = read_profile(pixels, matrix, variance)
+    if margin < _DECISIVE:
+        return "the widths of the crowns do not decide between two identities"
+    radii = ring_code_radii(identity)
+    discs = np.stack([np.zeros(len(radii)), np.zeros(len(radii)), radii], axis=1)
+    weights = np.where(np.arange(len(radii)) % 2 == 0, 1.0, -1.0)
+    fit = fit_pattern(pixels, matrix, discs, weights, variance, turns=False)
+    if fit is None or fit.noise_dn > _LEFT * abs(fit.contrast_dn) + _NOISES * image.noise_dn:
+        return "the widths of the crowns are those of no identity of the bank"
+    return RingReading(identity, fit)
+
+
+def find(view: View) -> list[Found]:
+    """Coded crowns of a view: identity, unique pose, focal length.
+
+    Raises
+    ------
+    MethodFailure
+        If another kind of marker is printed, or no circle holds an identity of the bank.
+    """
+    require_kind(view, *KINDS)
+    image = light_image(view)
+    out: list[Found] = []
+    reasons: list[str] = []
+    for circle in circles_of_view(view, least_confidence=_LEAST_CONFIDENCE):
+        variance = float(getattr(circle.fit, "blur_px", 0.6)) ** 2
+        read = read_crowns(image, circle.conic, max(variance, 0.05))
+        if isinstance(read, str):
+            reasons.append(read)
+        else:
+            out.append(found_of(view, read.fit.homography, read.identity, min(max(read.fit.explained, 0.0), 1.0)))
+    if reasons and not out:
+        raise MethodFailure(f"no coded crowns are read: {reasons[0]}")
+    return out
+
+
+__all__ = ["KINDS", "RingReading", "conic_of_homography", "find", "read_crowns"]

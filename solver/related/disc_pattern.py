@@ -1,0 +1,247 @@
+"""A print of discs under a homography, predicted and fitted at the pixels.
+
+The print is a sum of discs with weights (+1 where ink begins, -1 where paper begins again inside it). Every pixel is
+
+    I = b0 + b1 x + b2 y - (c0 + c1 x + c2 y) sum_j w_j D_j,
+
+with the coverage D_j of disc j by the response of a square pixel to a blurred edge (`step_response`). The levels b, c
+follow linearly; the homography's coordinates (see `homography_pose`) and the variance of the blur by Gauss-Newton. The
+signed distance to the image of a circle is that of its plane coordinates, q = |X - X_j| - r_j, to second order:
+d = q / |grad q| + q^2 (n^T Hess q n) / (2 |grad q|^3).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, curved_distance, step_response
+from roundel.solver.related.homography_pose import GENERATORS, MeasuredHomography, moved
+
+Array = NDArray[np.float64]
+
+_REACH_SIGMAS = 5.0
+_LEAST_VARIANCE, _MOST_VARIANCE = 0.01, 100.0
+_ROUNDS = 30
+_SETTLED_PX = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Pixels of an image: undistorted positions (N, 2), grey levels (N,) linear in light."""
+
+    places: Array
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Coverage of pixels by discs, (N, J), with derivatives.
+
+    Attributes
+    ----------
+    covered : (N, J) array
+    by_distance : (N, J) array
+        Derivative by an outward move of the edge, 1/px.
+    by_variance : (N, J) array
+        Derivative by the variance of the blur, 1/px^2.
+    normal : (N, J, 2) array
+        Outward unit normal of the nearest edge, in the image.
+    by_generator : (N, J, 8) array
+        Derivative by the coordinates of the homography.
+    """
+
+    covered: Array
+    by_distance: Array
+    by_variance: Array
+    normal: Array
+    by_generator: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PatternFit:
+    """A print fitted to pixels.
+
+    Attributes
+    ----------
+    homography : MeasuredHomography
+    variance : float
+        Of the blur, px^2, without the pixel's own.
+    contrast_dn : float
+        Paper minus ink at the centre.
+    explained : float
+        Share of the pixels' variance that the print explains.
+    noise_dn : float
+        RMS of the residual.
+    """
+
+    homography: MeasuredHomography
+    variance: float
+    contrast_dn: float
+    explained: float
+    noise_dn: float
+
+
+def coverage_of(places: Array, matrix: Array, discs: Array, variance: float, generators: bool = True) -> Coverage:
+    """Coverage of pixels by discs under a homography.
+
+    Parameters
+    ----------
+    places : (N, 2) array
+        Undistorted pixel positions.
+    matrix : (3, 3) array
+        From the plane, in outer radii, to pixels.
+    discs : (J, 3) array
+        x, y, radius, in outer radii.
+    variance : float
+        Of the blur, px^2.
+    generators : bool
+        Whether to compute `by_generator`, which is else empty.
+    """
+    inverse = np.linalg.inv(matrix)
+    rays = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ inverse.T
+    plane = rays[:, :2] / rays[:, 2:]
+    # dX / dp of X = rays / rays_w.
+    slope = (inverse[None, :2, :2] - plane[:, :, None] * inverse[None, 2:, :2]) / rays[:, 2, None, None]
+    offset = plane[:, None] - discs[None, :, :2]
+    radius = discs[None, :, 2]
+    rho = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-9 + 0.0 * radius)
+    out = offset / rho[..., None]
+    grad = np.einsum("njk,nki->nji", out, slope)
+    length = np.hypot(grad[..., 0], grad[..., 1])
+    normal = grad / length[..., None]
+    q = (rho - radius) / length
+    # Tangential parts of the steps along the normal and along the edge, in the plane.
+    across = np.stack([-out[..., 1], out[..., 0]], axis=-1)
+    turned = np.einsum("njk,nki->nji", across, slope)
+    along_normal = turned[..., 0] * normal[..., 0] + turned[..., 1] * normal[..., 1]
+    along_edge = turned[..., 1] * normal[..., 0] - turned[..., 0] * normal[..., 1]
+    # Inside a disc the level sets shrink to a point: beyond half the radius nothing depends on their curvature.
+    bend = np.maximum(rho, radius / 2) * length
+    distance = q + 0.5 * q**2 * along_normal**2 / bend
+    curvature = along_edge**2 / (np.maximum(radius, radius / 2) * length)
+    total = variance + PIXEL_VARIANCE
+    reach = _REACH_SIGMAS * math.sqrt(total) + 1.0
+    near = np.abs(distance) < reach
+    covered = (distance < 0).astype(np.float64)
+    by_distance, by_variance = np.zeros_like(covered), np.zeros_like(covered)
+    nx, ny = np.abs(normal[near]).T
+    z, dz = curved_distance(distance[near], curvature[near], np.zeros(int(near.sum())), total)
+    t, slope_t, second = step_response(z, (nx + ny) / 2, (nx - ny) / 2, variance)
+    covered[near] = 1.0 - t
+    by_distance[near] = slope_t
+    by_variance[near] = -(slope_t * dz + second / 2)
+    by_generator = np.empty((0, 0, 0))
+    if generators:
+        # X moves by -delta G X under H (I + delta G): the edge moves the other way.
+        point = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
+        steps = np.einsum("gik,nk->ngi", GENERATORS, point)
+        flow = steps[..., :2] - plane[:, None] * steps[..., 2:]
+        outward = np.einsum("njk,ngk->njg", out, flow) / length[..., None]
+        by_generator = by_distance[..., None] * outward
+    return Coverage(covered, by_distance, by_variance, normal, by_generator)
+
+
+def levels_columns(places: Array, pattern: Array) -> Array:
+    """The six columns whose linear combination is the image of a pattern (N,): paper and ink, each with a slope."""
+    middle = places - places.mean(axis=0)
+    ground = np.column_stack([np.ones(len(middle)), middle / max(float(np.abs(middle).max()), 1e-9)])
+    return np.concatenate([ground, -ground * pattern[:, None]], axis=1)
+
+
+def unexplained(pixels: Pixels, patterns: Array) -> tuple[Array, Array]:
+    """For each pattern (N, P): the share of variance that it leaves, and paper minus ink."""
+    total = float(np.sum((pixels.values - pixels.values.mean()) ** 2))
+    left, contrast = np.empty(patterns.shape[1]), np.empty(patterns.shape[1])
+    for i, pattern in enumerate(patterns.T):
+        columns = levels_columns(pixels.places, pattern)
+        levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]
+        left[i] = float(np.sum((pixels.values - columns @ levels) ** 2))
+        contrast[i] = levels[3]
+    return left / max(total, 1e-12), contrast
+
+
+def fit_pattern(
+    pixels: Pixels, matrix: Array, discs: Array, weights: Array, variance: float, turns: bool
+) -> PatternFit | None:
+    """Fit the homography, the blur and the levels of a print to pixels.
+
+    Parameters
+    ----------
+    pixels : Pixels
+    matrix : (3, 3) array
+        Start.
+    discs : (J, 3) array
+    weights : (J,) array
+    variance : float
+        Start.
+    turns : bool
+        Whether the print shows its rotation in the plane.
+
+    Returns
+    -------
+    PatternFit or None
+        None if it does not settle. The covariance is that of independent residuals of whatever variance each has
+        (White 1980), as noise differs between ink and paper.
+    """
+    count = 8 if turns else 7
+    previous = np.inf
+    damping = 1e-3
+    state: tuple[Array, float] = (matrix, variance)
+    trial = state
+    for _ in range(_ROUNDS):
+        made = _equations(pixels, *trial, discs, weights, count)
+        if made is None:
+            return None
+        columns, residual, levels = made
+        cost = float(residual @ residual)
+        if cost <= previous:
+            state, kept, previous, damping = trial, made, cost, max(damping / 5, 1e-9)
+        else:
+            damping *= 8
+            if damping > 1e3:
+                break
+        columns, residual, levels = kept
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        scaled = columns / size
+        normal = scaled.T @ scaled
+        step = np.linalg.solve(normal + damping * np.eye(len(normal)), scaled.T @ residual) / size
+        delta = step[:count]
+        change = float(np.clip(step[count], -state[1] / 2, 0.5 + state[1]))
+        trial = moved(state[0], delta), float(np.clip(state[1] + change, _LEAST_VARIANCE, _MOST_VARIANCE))
+        trial = trial[0] / trial[0][2, 2], trial[1]
+        radius = float(np.sqrt(abs(np.linalg.det(state[0][:2, :2]))))
+        if np.abs(delta).max() * radius < _SETTLED_PX and cost <= previous:
+            break
+    columns, residual, levels = kept
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+    scaled = columns / size
+    try:
+        inverse = np.linalg.inv(scaled.T @ scaled)
+    except np.linalg.LinAlgError:
+        return None
+    spread = (scaled * residual[:, None]).T @ (scaled * residual[:, None])
+    free = len(residual) - columns.shape[1]
+    cov = (inverse @ spread @ inverse / np.outer(size, size))[:count, :count] * len(residual) / max(free, 1)
+    total = float(np.sum((pixels.values - pixels.values.mean()) ** 2))
+    rms = math.sqrt(previous / max(free, 1))
+    explained = 1.0 - previous / max(total, 1e-12)
+    return PatternFit(MeasuredHomography(state[0], cov), state[1], float(levels[3]), explained, rms)
+
+
+def _equations(
+    pixels: Pixels, matrix: Array, variance: float, discs: Array, weights: Array, count: int
+) -> tuple[Array, Array, Array] | None:
+    """Columns by every parameter (homography, blur, levels), residual and levels at a state."""
+    seen = coverage_of(pixels.places, matrix, discs, variance)
+    if not np.all(np.isfinite(seen.covered)):
+        return None
+    ground = levels_columns(pixels.places, seen.covered @ weights)
+    levels = np.linalg.lstsq(ground, pixels.values, rcond=None)[0]
+    contrast = -(ground[:, :3] @ levels[3:])
+    moves = np.einsum("njg,j->ng", seen.by_generator[..., :count], weights) * contrast[:, None]
+    blur = (seen.by_variance @ weights) * contrast
+    return np.column_stack([moves, blur, ground]), pixels.values - ground @ levels, levels
