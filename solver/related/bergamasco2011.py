@@ -1,0 +1,350 @@
+"""Dots on rings (RUNE-Tag): identity by a cyclic code, pose by the dots' centres, focal length if it is not known.
+
+Source: F. Bergamasco, A. Albarelli, E. Rodola, A. Torsello, RUNE-Tag: a high accuracy fiducial marker with strong
+occlusion resilience, CVPR (2011). The steps are theirs: ellipses of dots; every pair of them is a hypothesis of the
+ring's plane and rotation; the other dots vote; the cyclic code is decoded; the pose follows from the dots' centres. Code
+and print are `scenes.markers.dot_codes`.
+
+A dot's moments give its image up to a rotation, and the moments of all dots that of the plane (weak perspective); in the
+plane two dots that are k sectors apart on the outer ring determine its centre, size and rotation. The homography of the
+best hypotheses is then refined with the dots that fit.
+
+The image of a dot's centre is not the centre of its ellipse. The dots are therefore compared as they are printed: the
+measured quantity is the shift of a dot's whole image from its prediction (by least squares of the pixels, the levels and
+all shifts together), and the shifts determine the homography. The pose and the focal length follow from that homography
+with its covariance (`homography_pose`), where the paper runs a perspective-n-point solver, and a search for the focal
+length where it is not known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.markers.dot_codes import (
+    LEAST_DISTANCE,
+    OUTER_DOT,
+    OUTER_RING,
+    SECTORS,
+    dot_code_words,
+    dot_places,
+    inked_places,
+)
+from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.related.circles_of_view import require_kind
+from roundel.solver.related.disc_pattern import Pixels, coverage_of, levels_columns
+from roundel.solver.related.homography_pose import MeasuredHomography, moved
+from roundel.solver.related.ink_blobs import Blobs, ink_blobs
+from roundel.solver.related.marker_pixels import (
+    LightImage,
+    conic_of_homography,
+    found_of,
+    light_image,
+    pixels_inside,
+)
+
+Array = NDArray[np.float64]
+
+KINDS = ("dot_code",)
+
+_FEWEST_DOTS = 11
+_NEAR = 0.13  # outer radii: less than half the distance between two places
+_HYPOTHESES = 12
+_REACH = 1.1
+_ROUNDS = 6
+_SETTLED_PX = 1e-4
+_PRESENT = 0.5  # of the contrast between ink and paper
+_UNSURE = 0.12  # around it a place is an erasure
+# Twice the errors plus the erasures; below the distance 5 of the code the nearest word is unique, up to 2 almost surely right.
+_MOST_DAMAGE = 2
+
+
+@dataclass(frozen=True, eq=False)
+class DotReading:
+    """One marker as read.
+
+    Attributes
+    ----------
+    identity : int
+    homography : MeasuredHomography
+        Its rotation is that of the decoded word.
+    damage : int
+        Twice the wrong sectors plus the unreadable ones.
+    dots : (N,) array of int
+        The blobs that are its dots.
+    """
+
+    identity: int
+    homography: MeasuredHomography
+    damage: int
+    dots: NDArray[np.int64]
+
+
+def ring_hypotheses(blobs: Blobs, places: Array) -> list[Array]:
+    """Homographies (affine) from pairs of dots, those that most dots vote for first.
+
+    Parameters
+    ----------
+    blobs : Blobs
+    places : (22, 3) array
+        See `dot_places`.
+    """
+    count = len(blobs.centre)
+    out: list[tuple[float, Array]] = []
+    if count < _FEWEST_DOTS:
+        return []
+    sizes = blobs.size
+    angle = 2 * np.pi / SECTORS
+    for i in range(count):
+        # The neighbours within the diameter of a marker whose outer dot this is, and their common shape.
+        whole = sizes[i] / OUTER_DOT
+        shape = blobs.spread[i] / math.sqrt(float(np.linalg.det(blobs.spread[i])))
+        local = _root(shape)
+        away = (blobs.centre - blobs.centre[i]) @ np.linalg.inv(local).T / whole
+        near = np.flatnonzero((np.hypot(*away.T) < 2.6) & (sizes < 1.6 * sizes[i]) & (sizes > 0.4 * sizes[i]))
+        if len(near) < _FEWEST_DOTS:
+            continue
+        shapes = blobs.spread[near] / np.sqrt(np.linalg.det(blobs.spread[near]))[:, None, None]
+        # Large dots have the better shapes.
+        shape = np.einsum("n,nij->ij", sizes[near] ** 2, shapes)
+        local = _root(shape / math.sqrt(float(np.linalg.det(shape))))
+        flat = (blobs.centre[near] - blobs.centre[i]) @ np.linalg.inv(local).T
+        for j, other in zip(near, flat, strict=True):
+            if j == i:
+                continue
+            for k in range(1, SECTORS // 2 + 1):
+                out += _votes(other, k * angle, flat, whole, places, blobs.centre[i], local)
+    out.sort(key=lambda pair: -pair[0])
+    return [matrix for _, matrix in out[:_HYPOTHESES]]
+
+
+def _votes(
+    other: Array, turn: float, flat: Array, whole: float, places: Array, at: Array, local: Array
+) -> list[tuple[float, Array]]:
+    """The ring on which a dot at the origin is followed by one at `other`, turn radians further, with its votes."""
+    z = complex(other[0], -other[1])  # Y up
+    first = OUTER_RING
+    # The similarity X -> s X + c with s first = -c and s first e^(i turn) = z - c.
+    s = z / (first * (np.exp(1j * turn) - 1))
+    if not 0.6 < abs(s) / whole < 1.6:
+        return []
+    c = -s * first
+    plane = ((flat[:, 0] - 1j * flat[:, 1]) - c) / s
+    place = places[:, 0] + 1j * places[:, 1]
+    distance = np.abs(plane[:, None] - place[None]).min(axis=1)
+    inside = np.abs(plane) < 1.0
+    votes = float(np.sum(distance[inside] < _NEAR) - np.sum(distance[inside] >= _NEAR) - distance[inside].sum())
+    if votes < _FEWEST_DOTS / 2:
+        return []
+    similarity = np.array([[s.real, -s.imag, c.real], [-s.imag, -s.real, -c.imag], [0.0, 0.0, 1.0]])
+    affine = np.eye(3)
+    affine[:2, :2], affine[:2, 2] = local, at
+    return [(votes, affine @ similarity)]
+
+
+def _root(shape: Array) -> Array:
+    value, vector = np.linalg.eigh(shape)
+    return np.asarray((vector * np.sqrt(value)) @ vector.T)
+
+
+def matched(blobs: Blobs, matrix: Array, places: Array) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """A homography refined with the blobs that fit it; they and their places, each place once."""
+    here = there = np.empty(0, dtype=np.int64)
+    for tolerance in (_NEAR, _NEAR, 0.1, 0.07):
+        rays = np.column_stack([blobs.centre, np.ones(len(blobs.centre))]) @ np.linalg.inv(matrix).T
+        plane = rays[:, :2] / rays[:, 2:]
+        distance = np.linalg.norm(plane[:, None] - places[None, :, :2], axis=2)
+        here = np.flatnonzero((distance.min(axis=1) < tolerance) & (rays[:, 2] > 0))
+        there = distance[here].argmin(axis=1)
+        order = np.lexsort((distance[here, there], there))
+        keep = order[np.concatenate([[True], np.diff(there[order]) > 0])] if len(order) else order
+        here, there = here[keep], there[keep]
+        if len(here) < _FEWEST_DOTS:
+            return matrix, here[:0], there[:0]
+        better = _homography(places[there, :2], blobs.centre[here])
+        if better is None:
+            return matrix, here[:0], there[:0]
+        matrix = better
+    return matrix, here, there
+
+
+def _homography(plane: Array, image: Array) -> Array | None:
+    """Least squares of the positions, with the image centred and scaled (Hartley); None if it is degenerate."""
+    middle, scale = image.mean(axis=0), float(np.std(image)) or 1.0
+    x, y = ((image - middle) / scale).T
+    point = np.column_stack([plane, np.ones(len(plane))])
+    rows = np.concatenate(
+        [
+            np.concatenate([point, np.zeros_like(point), -x[:, None] * plane], axis=1),
+            np.concatenate([np.zeros_like(point), point, -y[:, None] * plane], axis=1),
+        ]
+    )
+    solution, _, rank, _ = np.linalg.lstsq(rows, np.concatenate([x, y]), rcond=1e-10)
+    if rank < 8:
+        return None
+    back = np.array([[scale, 0.0, middle[0]], [0.0, scale, middle[1]], [0.0, 0.0, 1.0]])
+    return np.asarray(back @ np.append(solution, 1.0).reshape(3, 3))
+
+
+def decode(present: Array, unsure: NDArray[np.bool_]) -> tuple[int, int, int] | None:
+    """Identity, sectors by which the word is turned, and damage, from the 22 places; None if no word is near enough.
+
+    Parameters
+    ----------
+    present : (22,) array of bool
+        Whether there is a dot, in the order of `dot_places`.
+    unsure : (22,) array of bool
+        Places that could not be told.
+    """
+    outer, inner = present[:SECTORS].astype(int), present[SECTORS:].astype(int)
+    erased = unsure[:SECTORS] | unsure[SECTORS:] | (outer + inner == 0)
+    best: list[tuple[int, int, int]] = []
+    for identity, word in enumerate(dot_code_words()):
+        inked = inked_places(word).astype(int)
+        for turn in range(SECTORS):
+            differ = (np.roll(inked[:SECTORS], turn) != outer) | (np.roll(inked[SECTORS:], turn) != inner)
+            best.append((2 * int(np.sum(differ & ~erased)), identity, turn))
+    errors, identity, turn = min(best)
+    damage = errors + int(erased.sum())
+    if damage > _MOST_DAMAGE or damage >= LEAST_DISTANCE:
+        return None
+    return identity, turn, damage
+
+
+def presence(pixels: Pixels, matrix: Array, places: Array, variance: float) -> tuple[Array, Array]:
+    """Ink at each of the 22 places by least squares of the pixels: 1 for a dot, 0 for paper, about; and its deviation."""
+    covered = coverage_of(pixels.places, matrix, places, variance, generators=False).covered
+    ground = levels_columns(pixels.places, np.zeros(len(covered)))[:, :3]
+    columns = np.concatenate([ground, -covered], axis=1)
+    levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]
+    depth = levels[3:]
+    # Both kinds of places occur in every word: the upper ones of the sorted depths are dots.
+    full = float(np.median(np.sort(depth)[-8:]))
+    return depth / full if full != 0 else depth, np.array([full])
+
+
+def measured_homography(
+    pixels: Pixels, matrix: Array, dots: Array, variance: float
+) -> tuple[MeasuredHomography, float] | None:
+    """The homography by the dots' shifts, with covariance, and the residual over the contrast.
+
+    The pixels' levels and the shifts of all dots are linear unknowns; the blur is adjusted with them. The covariance of
+    the shifts is that of independent residuals (White 1980); the homography is their weighted least squares.
+    """
+    count = len(dots)
+    noise = contrast = 0.0
+    cov = np.eye(8)
+    for _ in range(_ROUNDS):
+        seen = coverage_of(pixels.places, matrix, dots, variance)
+        if not np.all(np.isfinite(seen.covered)):
+            return None
+        ground = levels_columns(pixels.places, seen.covered.sum(axis=1))
+        levels = np.linalg.lstsq(ground, pixels.values, rcond=None)[0]
+        contrast = float(levels[3])
+        height = ground[:, :3] @ levels[3:]  # minus the image of a unit of ink
+        moves = -(seen.by_distance[..., None] * seen.normal) * -height[:, None, None]
+        blur = (seen.by_variance.sum(axis=1) * -height)[:, None]
+        columns = np.concatenate([-moves.reshape(len(moves), -1), blur, ground], axis=1)
+        residual = pixels.values - ground @ levels
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
+        scaled = columns / size
+        inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+        solution = inverse @ (scaled.T @ residual) / size
+        left = residual - columns @ solution
+        noise = math.sqrt(float(left @ left) / max(len(left) - columns.shape[1], 1))
+        spread = (scaled * left[:, None]).T @ (scaled * left[:, None])
+        shift_cov = (inverse @ spread @ inverse / np.outer(size, size))[: 2 * count, : 2 * count]
+        shift_cov *= len(left) / max(len(left) - columns.shape[1], 1)
+        rates = _rates(matrix, dots)
+        weight = np.linalg.pinv(shift_cov + 1e-12 * np.eye(2 * count), hermitian=True)
+        cov = np.linalg.inv(rates.T @ weight @ rates)
+        delta = cov @ (rates.T @ weight @ solution[: 2 * count])
+        if not np.all(np.isfinite(delta)) or np.abs(delta).max() > 0.5:
+            return None
+        matrix = moved(matrix, delta)
+        matrix = matrix / matrix[2, 2]
+        variance = float(np.clip(variance + np.clip(solution[2 * count], -variance / 2, 0.5), 0.01, 100.0))
+        if np.abs(delta).max() * math.sqrt(abs(float(np.linalg.det(matrix[:2, :2])))) < _SETTLED_PX:
+            break
+    return MeasuredHomography(matrix, cov), noise / max(abs(contrast), 1e-9)
+
+
+def _rates(matrix: Array, dots: Array) -> Array:
+    """Derivative (2 N, 8) of the dots' places in the image by the homography's coordinates."""
+    step = 1e-6
+    base = np.column_stack([dots[:, :2], np.ones(len(dots))])
+
+    def at(delta: Array) -> Array:
+        rays = base @ moved(matrix, delta).T
+        return np.asarray(rays[:, :2] / rays[:, 2:]).ravel()
+
+    return np.stack([(at(step * e) - at(-step * e)) / (2 * step) for e in np.eye(8)], axis=1)
+
+
+def _turned(matrix: Array, sectors: int) -> Array:
+    angle = 2 * np.pi * sectors / SECTORS
+    c, s = math.cos(angle), math.sin(angle)
+    return np.asarray(matrix @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def read_dots(image: LightImage, blobs: Blobs) -> DotReading | str:
+    """The marker that most dots of an image vote for; a reason if there is none, or its code is not of the bank."""
+    if len(blobs.centre) < _FEWEST_DOTS:
+        return f"{len(blobs.centre)} dots are found; a marker has {_FEWEST_DOTS} or more"
+    places = dot_places()
+    reason = "the dots are on no ring of the code"
+    tried: list[tuple[int, Array, NDArray[np.int64], NDArray[np.int64]]] = []
+    for hypothesis in ring_hypotheses(blobs, places):
+        matrix, here, there = matched(blobs, hypothesis, places)
+        if len(here):
+            tried.append((len(here), matrix, here, there))
+    tried.sort(key=lambda one: -one[0])
+    for _, matrix, here, there in tried:
+        pixels = pixels_inside(image, conic_of_homography(matrix), _REACH)
+        if pixels is None:
+            reason = "its dots reach beyond the image"
+            continue
+        variance = float(np.median(blobs.variance[here])) - 1.0 / 12.0
+        variance = min(max(variance, 0.05), 25.0)
+        fitted = measured_homography(pixels, matrix, places[there], variance)
+        if fitted is None:
+            continue
+        ink, _ = presence(pixels, fitted[0].matrix, places, variance)
+        read = decode(ink > _PRESENT, np.abs(ink - _PRESENT) < _UNSURE)
+        if read is None:
+            reason = "the dots' code is no word of the bank"
+            continue
+        identity, turn, damage = read
+        dots = places[inked_places(dot_code_words()[identity])]
+        final = measured_homography(pixels, _turned(fitted[0].matrix, turn), dots, variance)
+        if final is None or final[1] > 0.1 + 2.0 * image.noise_dn:
+            reason = "the dots are not as they are printed"
+            continue
+        return DotReading(identity, final[0], damage, here)
+    return reason
+
+
+def find(view: View) -> list[Found]:
+    """Dot codes of a view: identity, unique pose, focal length.
+
+    Raises
+    ------
+    MethodFailure
+        If another kind of marker is printed, there are too few dots, or none of the codes is a word of the bank.
+    """
+    require_kind(view, *KINDS)
+    image = light_image(view)
+    blobs = ink_blobs(image.levels, image.noise_dn)
+    out: list[Found] = []
+    while True:
+        read = read_dots(image, blobs)
+        if isinstance(read, str):
+            if not out:
+                raise MethodFailure(f"no dot code is read: {read}")
+            return out
+        out.append(found_of(view, read.homography, read.identity, 1.0 - read.damage / LEAST_DISTANCE))
+        left = np.setdiff1d(np.arange(len(blobs.centre)), read.dots)
+        blobs = Blobs(blobs.centre[left], blobs.spread[left], blobs.variance[left])
