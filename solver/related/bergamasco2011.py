@@ -9,11 +9,10 @@ A dot's moments give its image up to a rotation, and the moments of all dots tha
 plane two dots that are k sectors apart on the outer ring determine its centre, size and rotation. The homography of the
 best hypotheses is then refined with the dots that fit.
 
-The image of a dot's centre is not the centre of its ellipse. The dots are therefore compared as they are printed: the
-measured quantity is the shift of a dot's whole image from its prediction (by least squares of the pixels, the levels and
-all shifts together), and the shifts determine the homography. The pose and the focal length follow from that homography
-with its covariance (`homography_pose`), where the paper runs a perspective-n-point solver, and a search for the focal
-length where it is not known.
+The image of a dot's centre is not the centre of its ellipse: `homography_of_dots` compares the measured centres with
+those of the ellipses that it predicts. Once the code is read, homography, blur and levels are fitted to all pixels of
+the print together, which gives a covariance. Pose and focal length are those of least squares with it
+(`homography_pose`), where the paper runs a perspective-n-point solver, and a search for an unknown focal length.
 """
 
 from __future__ import annotations
@@ -31,11 +30,13 @@ from roundel.scenes.markers.dot_codes import (
     SECTORS,
     dot_code_words,
     dot_places,
+    dots_of,
     inked_places,
 )
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.related.circles_of_view import require_kind
-from roundel.solver.related.disc_pattern import Pixels, coverage_of, levels_columns
+from roundel.solver.related.disc_coverage import coverage_of
+from roundel.solver.related.disc_pattern import Pixels, fit_pattern, levels_columns
 from roundel.solver.related.homography_pose import MeasuredHomography, moved
 from roundel.solver.related.ink_blobs import Blobs, ink_blobs
 from roundel.solver.related.marker_pixels import (
@@ -54,12 +55,13 @@ _FEWEST_DOTS = 11
 _NEAR = 0.13  # outer radii: less than half the distance between two places
 _HYPOTHESES = 12
 _REACH = 1.1
-_ROUNDS = 6
-_SETTLED_PX = 1e-4
+_ROUNDS = 12
+_SETTLED, _ROUGHLY = 1e-10, 1e-3
 _PRESENT = 0.5  # of the contrast between ink and paper
 _UNSURE = 0.12  # around it a place is an erasure
 # Twice the errors plus the erasures; below the distance 5 of the code the nearest word is unique, up to 2 almost surely right.
 _MOST_DAMAGE = 2
+_LEFT, _NOISES = 0.10, 2.0  # largest residual: of the contrast, plus the image's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,74 +216,69 @@ def decode(present: Array, unsure: NDArray[np.bool_]) -> tuple[int, int, int] | 
     return identity, turn, damage
 
 
-def presence(pixels: Pixels, matrix: Array, places: Array, variance: float) -> tuple[Array, Array]:
-    """Ink at each of the 22 places by least squares of the pixels: 1 for a dot, 0 for paper, about; and its deviation."""
-    covered = coverage_of(pixels.places, matrix, places, variance, generators=False).covered
+def presence(pixels: Pixels, matrix: Array, places: Array, variance: float) -> Array:
+    """Ink at each of the 22 places by least squares of the pixels: about 1 for a dot, 0 for paper."""
+    covered = coverage_of(pixels.places, matrix, places, variance).covered
     ground = levels_columns(pixels.places, np.zeros(len(covered)))[:, :3]
     columns = np.concatenate([ground, -covered], axis=1)
     levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]
     depth = levels[3:]
     # Both kinds of places occur in every word: the upper ones of the sorted depths are dots.
     full = float(np.median(np.sort(depth)[-8:]))
-    return depth / full if full != 0 else depth, np.array([full])
+    return np.asarray(depth / full if full != 0 else depth)
 
 
-def measured_homography(
-    pixels: Pixels, matrix: Array, dots: Array, variance: float
-) -> tuple[MeasuredHomography, float] | None:
-    """The homography by the dots' shifts, with covariance, and the residual over the contrast.
+def _told(ink: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    return ink > _PRESENT, np.abs(ink - _PRESENT) < _UNSURE
 
-    The pixels' levels and the shifts of all dots are linear unknowns; the blur is adjusted with them. The covariance of
-    the shifts is that of independent residuals (White 1980); the homography is their weighted least squares.
+
+def homography_of_dots(centres_px: Array, dots: Array, start: Array) -> Array | None:
+    """The homography under which the images of the dots are ellipses with these centres.
+
+    The centre of such an ellipse, -C_2x2^-1 c of its conic, is not the image of the dot's centre; it is compared with
+    what was measured, so that exact ellipses give the exact homography.
+
+    Parameters
+    ----------
+    centres_px : (N, 2) array
+        Centres of the dots' ellipses, undistorted px.
+    dots : (N, 3) array
+        x, y, radius, in outer radii; four or more, no three on a line.
+    start : (3, 3) array
+
+    Returns
+    -------
+    (3, 3) array or None
+        None if it does not settle.
     """
-    count = len(dots)
-    noise = contrast = 0.0
-    cov = np.eye(8)
+    matrix = start
     for _ in range(_ROUNDS):
-        seen = coverage_of(pixels.places, matrix, dots, variance)
-        if not np.all(np.isfinite(seen.covered)):
-            return None
-        ground = levels_columns(pixels.places, seen.covered.sum(axis=1))
-        levels = np.linalg.lstsq(ground, pixels.values, rcond=None)[0]
-        contrast = float(levels[3])
-        height = ground[:, :3] @ levels[3:]  # minus the image of a unit of ink
-        moves = -(seen.by_distance[..., None] * seen.normal) * -height[:, None, None]
-        blur = (seen.by_variance.sum(axis=1) * -height)[:, None]
-        columns = np.concatenate([-moves.reshape(len(moves), -1), blur, ground], axis=1)
-        residual = pixels.values - ground @ levels
-        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
-        scaled = columns / size
-        inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-        solution = inverse @ (scaled.T @ residual) / size
-        left = residual - columns @ solution
-        noise = math.sqrt(float(left @ left) / max(len(left) - columns.shape[1], 1))
-        spread = (scaled * left[:, None]).T @ (scaled * left[:, None])
-        shift_cov = (inverse @ spread @ inverse / np.outer(size, size))[: 2 * count, : 2 * count]
-        shift_cov *= len(left) / max(len(left) - columns.shape[1], 1)
-        rates = _rates(matrix, dots)
-        weight = np.linalg.pinv(shift_cov + 1e-12 * np.eye(2 * count), hermitian=True)
-        cov = np.linalg.inv(rates.T @ weight @ rates)
-        delta = cov @ (rates.T @ weight @ solution[: 2 * count])
-        if not np.all(np.isfinite(delta)) or np.abs(delta).max() > 0.5:
+        left = (centres_px - _ellipse_centres(matrix, dots)).ravel()
+        rates = np.stack(
+            [
+                (_ellipse_centres(moved(matrix, e), dots) - _ellipse_centres(moved(matrix, -e), dots)).ravel() / 2e-6
+                for e in 1e-6 * np.eye(8)
+            ],
+            axis=1,
+        )
+        delta, _, rank, _ = np.linalg.lstsq(rates, left, rcond=1e-10)
+        if rank < 8 or not np.all(np.isfinite(delta)) or np.abs(delta).max() > 0.5:
             return None
         matrix = moved(matrix, delta)
         matrix = matrix / matrix[2, 2]
-        variance = float(np.clip(variance + np.clip(solution[2 * count], -variance / 2, 0.5), 0.01, 100.0))
-        if np.abs(delta).max() * math.sqrt(abs(float(np.linalg.det(matrix[:2, :2])))) < _SETTLED_PX:
-            break
-    return MeasuredHomography(matrix, cov), noise / max(abs(contrast), 1e-9)
+        if np.abs(delta).max() < _SETTLED:
+            return np.asarray(matrix)
+    return np.asarray(matrix) if np.abs(delta).max() < _ROUGHLY else None
 
 
-def _rates(matrix: Array, dots: Array) -> Array:
-    """Derivative (2 N, 8) of the dots' places in the image by the homography's coordinates."""
-    step = 1e-6
-    base = np.column_stack([dots[:, :2], np.ones(len(dots))])
-
-    def at(delta: Array) -> Array:
-        rays = base @ moved(matrix, delta).T
-        return np.asarray(rays[:, :2] / rays[:, 2:]).ravel()
-
-    return np.stack([(at(step * e) - at(-step * e)) / (2 * step) for e in np.eye(8)], axis=1)
+def _ellipse_centres(matrix: Array, dots: Array) -> Array:
+    """Centres (N, 2) of the images of the dots, by the dual conics H diag(r^2, r^2, -1) H^T about each dot."""
+    x, y, r = dots.T
+    about = np.zeros((len(dots), 3, 3))
+    about[:, 0, 0] = about[:, 1, 1] = r**2
+    about -= np.einsum("ni,nj->nij", *(np.stack([x, y, np.ones_like(x)], axis=1),) * 2)
+    dual = matrix @ about @ matrix.T
+    return np.asarray(dual[:, :2, 2] / dual[:, 2, 2, None])
 
 
 def _turned(matrix: Array, sectors: int) -> Array:
@@ -309,21 +306,20 @@ def read_dots(image: LightImage, blobs: Blobs) -> DotReading | str:
             continue
         variance = float(np.median(blobs.variance[here])) - 1.0 / 12.0
         variance = min(max(variance, 0.05), 25.0)
-        fitted = measured_homography(pixels, matrix, places[there], variance)
-        if fitted is None:
+        corrected = homography_of_dots(blobs.centre[here], places[there], matrix)
+        if corrected is None:
             continue
-        ink, _ = presence(pixels, fitted[0].matrix, places, variance)
-        read = decode(ink > _PRESENT, np.abs(ink - _PRESENT) < _UNSURE)
+        read = decode(*_told(presence(pixels, corrected, places, variance)))
         if read is None:
             reason = "the dots' code is no word of the bank"
             continue
         identity, turn, damage = read
-        dots = places[inked_places(dot_code_words()[identity])]
-        final = measured_homography(pixels, _turned(fitted[0].matrix, turn), dots, variance)
-        if final is None or final[1] > 0.1 + 2.0 * image.noise_dn:
+        dots = dots_of(identity)
+        fit = fit_pattern(pixels, _turned(corrected, turn), dots, np.ones(len(dots)), variance, turns=True)
+        if fit is None or fit.noise_dn > _LEFT * abs(fit.contrast_dn) + _NOISES * image.noise_dn:
             reason = "the dots are not as they are printed"
             continue
-        return DotReading(identity, final[0], damage, here)
+        return DotReading(identity, fit.homography, damage, here)
     return reason
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from roundel.scenes.markers.ring_codes import CELLS, ring_code_radii, ring_code_words
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.related.circles_of_view import circles_of_view, require_kind
-from roundel.solver.related.disc_pattern import PatternFit, Pixels, coverage_of, fit_pattern, unexplained
+from roundel.solver.related.disc_coverage import coverage_of
+from roundel.solver.related.disc_pattern import PatternFit, Pixels, fit_pattern, unexplained
 from roundel.solver.related.homography_pose import homography_of
 from roundel.solver.related.marker_pixels import (
     LightImage,
@@ -140,7 +141,7 @@ def read_profile(pixels: Pixels, matrix: Array, variance: float) -> tuple[int, f
     words = ring_code_words().astype(np.float64)
     radii = (CELLS - np.arange(CELLS)) / CELLS
     discs = np.stack([np.zeros(CELLS), np.zeros(CELLS), radii], axis=1)
-    covered = coverage_of(pixels.places, matrix, discs, variance, generators=False).covered
+    covered = coverage_of(pixels.places, matrix, discs, variance).covered
     # Cell k is the disc of radius k less the next one inward.
     cells = covered - np.concatenate([covered[:, 1:], np.zeros((len(covered), 1))], axis=1)
     left, contrast = unexplained(pixels, cells @ words.T)

@@ -4,10 +4,8 @@ The print is a sum of discs with weights (+1 where ink begins, -1 where paper be
 
     I = b0 + b1 x + b2 y - (c0 + c1 x + c2 y) sum_j w_j D_j,
 
-with the coverage D_j of disc j by the response of a square pixel to a blurred edge (`step_response`). The levels b, c
-follow linearly; the homography's coordinates (see `homography_pose`) and the variance of the blur by Gauss-Newton. The
-signed distance to the image of a circle is that of its plane coordinates, q = |X - X_j| - r_j, to second order:
-d = q / |grad q| + q^2 (n^T Hess q n) / (2 |grad q|^3).
+with the coverage D_j of disc j (`disc_coverage`). The levels b, c follow linearly; the homography's coordinates (see
+`homography_pose`) and the variance of the blur by Gauss-Newton.
 """
 
 from __future__ import annotations
@@ -18,12 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, curved_distance, step_response
-from roundel.solver.related.homography_pose import GENERATORS, MeasuredHomography, moved
+from roundel.solver.related.disc_coverage import coverage_of
+from roundel.solver.related.homography_pose import MeasuredHomography, moved
 
 Array = NDArray[np.float64]
 
-_REACH_SIGMAS = 5.0
 _LEAST_VARIANCE, _MOST_VARIANCE = 0.01, 100.0
 _ROUNDS = 30
 _SETTLED_PX = 1e-4
@@ -35,30 +32,6 @@ class Pixels:
 
     places: Array
     values: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Coverage:
-    """Coverage of pixels by discs, (N, J), with derivatives.
-
-    Attributes
-    ----------
-    covered : (N, J) array
-    by_distance : (N, J) array
-        Derivative by an outward move of the edge, 1/px.
-    by_variance : (N, J) array
-        Derivative by the variance of the blur, 1/px^2.
-    normal : (N, J, 2) array
-        Outward unit normal of the nearest edge, in the image.
-    by_generator : (N, J, 8) array
-        Derivative by the coordinates of the homography.
-    """
-
-    covered: Array
-    by_distance: Array
-    by_variance: Array
-    normal: Array
-    by_generator: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,66 +56,6 @@ class PatternFit:
     contrast_dn: float
     explained: float
     noise_dn: float
-
-
-def coverage_of(places: Array, matrix: Array, discs: Array, variance: float, generators: bool = True) -> Coverage:
-    """Coverage of pixels by discs under a homography.
-
-    Parameters
-    ----------
-    places : (N, 2) array
-        Undistorted pixel positions.
-    matrix : (3, 3) array
-        From the plane, in outer radii, to pixels.
-    discs : (J, 3) array
-        x, y, radius, in outer radii.
-    variance : float
-        Of the blur, px^2.
-    generators : bool
-        Whether to compute `by_generator`, which is else empty.
-    """
-    inverse = np.linalg.inv(matrix)
-    rays = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ inverse.T
-    plane = rays[:, :2] / rays[:, 2:]
-    # dX / dp of X = rays / rays_w.
-    slope = (inverse[None, :2, :2] - plane[:, :, None] * inverse[None, 2:, :2]) / rays[:, 2, None, None]
-    offset = plane[:, None] - discs[None, :, :2]
-    radius = discs[None, :, 2]
-    rho = np.maximum(np.hypot(offset[..., 0], offset[..., 1]), 1e-9 + 0.0 * radius)
-    out = offset / rho[..., None]
-    grad = np.einsum("njk,nki->nji", out, slope)
-    length = np.hypot(grad[..., 0], grad[..., 1])
-    normal = grad / length[..., None]
-    q = (rho - radius) / length
-    # Tangential parts of the steps along the normal and along the edge, in the plane.
-    across = np.stack([-out[..., 1], out[..., 0]], axis=-1)
-    turned = np.einsum("njk,nki->nji", across, slope)
-    along_normal = turned[..., 0] * normal[..., 0] + turned[..., 1] * normal[..., 1]
-    along_edge = turned[..., 1] * normal[..., 0] - turned[..., 0] * normal[..., 1]
-    # Inside a disc the level sets shrink to a point: beyond half the radius nothing depends on their curvature.
-    bend = np.maximum(rho, radius / 2) * length
-    distance = q + 0.5 * q**2 * along_normal**2 / bend
-    curvature = along_edge**2 / (np.maximum(radius, radius / 2) * length)
-    total = variance + PIXEL_VARIANCE
-    reach = _REACH_SIGMAS * math.sqrt(total) + 1.0
-    near = np.abs(distance) < reach
-    covered = (distance < 0).astype(np.float64)
-    by_distance, by_variance = np.zeros_like(covered), np.zeros_like(covered)
-    nx, ny = np.abs(normal[near]).T
-    z, dz = curved_distance(distance[near], curvature[near], np.zeros(int(near.sum())), total)
-    t, slope_t, second = step_response(z, (nx + ny) / 2, (nx - ny) / 2, variance)
-    covered[near] = 1.0 - t
-    by_distance[near] = slope_t
-    by_variance[near] = -(slope_t * dz + second / 2)
-    by_generator = np.empty((0, 0, 0))
-    if generators:
-        # X moves by -delta G X under H (I + delta G): the edge moves the other way.
-        point = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
-        steps = np.einsum("gik,nk->ngi", GENERATORS, point)
-        flow = steps[..., :2] - plane[:, None] * steps[..., 2:]
-        outward = np.einsum("njk,ngk->njg", out, flow) / length[..., None]
-        by_generator = by_distance[..., None] * outward
-    return Coverage(covered, by_distance, by_variance, normal, by_generator)
 
 
 def levels_columns(places: Array, pattern: Array) -> Array:
@@ -189,7 +102,7 @@ def fit_pattern(
     """
     count = 8 if turns else 7
     previous = np.inf
-    damping = 1e-3
+    damping = 1e-6
     state: tuple[Array, float] = (matrix, variance)
     trial = state
     for _ in range(_ROUNDS):
