@@ -48,6 +48,14 @@ def views(text: str) -> int:
     return int(text)
 
 
+def grid(text: str) -> tuple[int, int]:
+    """Columns and rows, such as 7x5."""
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and int(columns) > 1 and int(rows) > 1):
+        raise argparse.ArgumentTypeError(f"{text!r}: give columns and rows, for example 7x5")
+    return int(columns), int(rows)
+
+
 def leave_stdout() -> None:
     """Discard further output: the reader closed the pipe (`roundel check | head`), which is not an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

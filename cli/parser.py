@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from roundel.cli.arguments import EstimatesSchema, ListMethods, count, frame_range, positive, views
+from roundel.cli.arguments import EstimatesSchema, ListMethods, count, frame_range, grid, positive, views
 from roundel.cli.usage import Parser
 
 EXIT_STATUS = (
@@ -152,11 +152,23 @@ def _add_solving(add: AddVerb) -> None:
         "poses are equally likely)",
     )
 
-    calibrate = add("calibrate", "calibrate a camera from a group of rendered chessboards, with OpenCV")
-    calibrate.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    calibrate = add(
+        "calibrate",
+        "calibrate a camera from a dataset's circle grids, or its chessboards (with OpenCV), or from photographs of a "
+        "circle grid",
+    )
+    calibrate.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
     calibrate.add_argument("camera", metavar="CAMERA", help="camera file to write")
-    calibrate.add_argument("--group", metavar="GROUP", help="group of chessboards (default: the only such group)")
+    calibrate.add_argument("--group", metavar="GROUP", help="group of boards (default: the first such group)")
     calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
+    calibrate.add_argument("--k3", action="store_true", help="also fit k3, if k1, k2, p1 and p2 do not fit the lens")
+    calibrate.add_argument("--grid", type=grid, metavar="COLSxROWS", help="of photographs: dots in a row, and rows")
+    calibrate.add_argument(
+        "--spacing-m", type=positive, metavar="S", help="of photographs: between rows (marker key spacing_m)"
+    )
+    calibrate.add_argument("--diameter-m", type=positive, metavar="D", help="of photographs: diameter of a dot")
+    calibrate.add_argument("--asymmetric", action="store_true", help="of photographs: an asymmetric circle grid")
+    calibrate.add_argument("--curve", metavar="CURVE", help="of photographs: response curve, as in `roundel solve`")
 
 
 def _add_scoring(add: AddVerb) -> None:

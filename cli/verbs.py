@@ -60,7 +60,7 @@ def _study(path: str) -> Any:
 
 
 def _is_of_study(label: str) -> bool:
-    """Whether intrinsics are calibrated from the study's own chessboards instead of read from a camera file."""
+    """Whether intrinsics are calibrated from the study's own boards instead of read from a camera file."""
     return label == "calibrated" or IntrinsicsLabel.of(label).views is not None
 
 
@@ -225,8 +225,8 @@ def do_validate(arguments: argparse.Namespace) -> int:
 
 def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
+    from roundel.cli.calibrate_verb import calibrate_of_study
     from roundel.solver.methods.solve import solve_dataset
-    from roundel.validate.calibration.study_calibrations import calibrate_study
     from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
@@ -239,9 +239,8 @@ def do_run(arguments: argparse.Namespace) -> int:
     camera: Path | None = None
     labels = study.solve.intrinsics
     if study.solve.calibrate_from is not None:
-        camera = out / "chessboard.json"
-        records, files = calibrate_study(out / "dataset", study.solve, camera, out / "cameras")
-        print("\n".join(_calibration_line(record) for record in records))
+        lines, camera, files = calibrate_of_study(study, out)
+        print("\n".join(lines))
         labels = [f"calibrated:{files[label]}" if label in files else label for label in labels]
     if not _has_circles(dataset, study.solve.groups):
         print(f"no circular markers to solve; finished: {camera or out / 'dataset'}")
@@ -279,21 +278,10 @@ def _has_circles(dataset: Any, groups: list[str] | None) -> bool:
 
 
 def do_calibrate(arguments: argparse.Namespace) -> int:
-    """Calibrate from chessboards."""
-    from roundel.validate.calibration.camera_errors import calibrate_dataset
+    """Calibrate from boards."""
+    from roundel.cli.calibrate_verb import calibrate
 
-    result = calibrate_dataset(
-        Path(arguments.dataset), Path(arguments.camera), group=arguments.group, count=arguments.views
-    )
-    print(_calibration_line(result))
-    print(f"camera: {arguments.camera}")
-    return 0
-
-
-def _calibration_line(record: dict[str, Any]) -> str:
-    from roundel.validate.calibration.camera_errors import calibration_lines
-
-    return "\n".join(calibration_lines(record))
+    return calibrate(arguments)
 
 
 def do_compare(arguments: argparse.Namespace) -> int:

@@ -281,6 +281,9 @@ KINDS: dict[str, type[Section]] = {
     "tags": TagBoardSection,
 }
 
+# Boards that a study may calibrate its camera from.
+CALIBRATION_BOARDS = ("chessboard", "circle_grid")
+
 # Kinds whose first part is a circle.
 CIRCULAR = (
     *("disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code"),

@@ -169,7 +169,9 @@ class SolveSection(Section):
         description="cameras given to the solver, as `roundel solve --intrinsics`; `calibrated` from all "
         "views of calibrate_from, `calibrated:5` from the first five",
     )
-    calibrate_from: str | None = Field(default=None, description="group of chessboard views, for `calibrated`")
+    calibrate_from: str | None = Field(
+        default=None, description="group of views of a chessboard or a circle_grid, for `calibrated`"
+    )
     knowledge: str = Field(
         default="none",
         description="prior knowledge of the pose, as `roundel solve --knowledge`: same_side, floor, circle:0.5",

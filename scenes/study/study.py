@@ -19,6 +19,7 @@ from roundel.scenes.errors import StudyError, did_you_mean
 from roundel.scenes.study.identity import study_digest
 from roundel.scenes.study.layers import deep_merge, preset, preset_names, with_variants
 from roundel.scenes.study.light_section import LAMPS, LightSection
+from roundel.scenes.study.marker_section import CALIBRATION_BOARDS
 from roundel.scenes.study.marker_section import KINDS as MARKERS
 from roundel.scenes.study.sampling import frame_count
 from roundel.scenes.study.schema import (
@@ -366,14 +367,15 @@ def _check_references(study: Study) -> None:
                 "solve",
                 "calibrate_from",
             )
-        if study.groups[source].marker.kind != "chessboard":
-            raise fail(f"solve.calibrate_from: group {source!r} has no chessboard", "solve", "calibrate_from")
+        if study.groups[source].marker.kind not in CALIBRATION_BOARDS:
+            boards = " or ".join(CALIBRATION_BOARDS)
+            raise fail(f"solve.calibrate_from: group {source!r} has no {boards}", "solve", "calibrate_from")
     for label in study.solve.intrinsics:
         views = IntrinsicsLabel.of(label).views
         if views is None and label != "calibrated":
             continue
         if source is None:
-            message = f"solve.intrinsics: `{label}` needs solve.calibrate_from, a group of chessboards"
+            message = f"solve.intrinsics: `{label}` needs solve.calibrate_from, a group of boards"
             raise fail(message, "solve", "intrinsics")
         try:
             there = frame_count(study.groups[source])

@@ -144,7 +144,7 @@ def _circle_grid(section: sections.CircleGridSection, ink: float, paper: float) 
     # Dots of a row are two steps apart in an asymmetric grid: its nearest neighbours are diagonal.
     finest = min(2 * radius, _apart("spacing_m", step * (np.sqrt(2) if asymmetric else 1) - 2 * radius))
     centres = circle_grid_centres_m(section.columns, section.rows, step, asymmetric)
-    layout = {"columns": section.columns, "rows": section.rows, "spacing_m": step}
+    layout: dict[str, Any] = {"columns": section.columns, "rows": section.rows, "spacing_m": step}
     layout |= {"diameter_m": section.diameter_m, "layout": section.layout}
     width, height = np.ptp(centres, axis=0) + 2 * radius
     part = Part(0, "circle_grid", 0.0, 0.0, None, layout, (float(width), float(height)))

@@ -21,7 +21,6 @@ import numpy as np
 from roundel.datasets.layout.files import MANIFEST, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.worker_pool import in_order
-from roundel.scenes.camera.response_curve import UNKNOWN
 from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import Estimate
@@ -34,9 +33,7 @@ from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
 from roundel.solver.methods.solved_parts import PARTS, Tally, join_parts, part_name, read_part, write_part
 from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
-from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
-from roundel.solver.photometry.jpeg_rounding import read_luminance_table
-from roundel.solver.photometry.photometry import Photometry, processing_of
+from roundel.solver.photometry.frame_levels import frame_levels
 
 Progress = Callable[[int, int], None]
 
@@ -284,20 +281,8 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
         points = tuple(by_marker[marker_id] for marker_id in sorted(by_marker))
         return SolverInput(frame.diameter_m, frame.cameras, points_px=points, frame_id=frame.frame_id)
     delivered = images.image(frame.index)
-    curve, top_dn = images.curve(frame.index), images.top_dn(frame.index)
-    grey, range_dn = grey_levels(delivered, curve or UNKNOWN, top_dn, keep_8bit=True)
-    top_dn = top_dn or range_dn
-    saturation = images.saturation_dn(frame.index) or range_dn
-    full_scale_dn = top_dn * float((curve or UNKNOWN).light(round(saturation) / top_dn))
-    sensor = images.records[frame.index].get("sensor") or {}
-    photometry = Photometry(
-        curve or UNKNOWN,
-        top_dn,
-        float(1 << sensor.get("stored_shift", 0)),
-        averaged_rounding(delivered),
-        read_luminance_table(images.image_path(frame.index)),
-        *processing_of(sensor.get("isp")),
-    )
+    levels = frame_levels(images, frame.index, delivered)
+    saturation = images.saturation_dn(frame.index) or levels.photometry.top_dn
 
     def view(given: UncertainCamera) -> View:
         # Copies, so that a method's changes to its image or markers do not affect others.
@@ -307,11 +292,10 @@ def _input(images: Images, frame: _Frame) -> SolverInput:
             frame.diameter_m,
             printed_markers(images, frame.index),
             saturation,
-            curve or UNKNOWN,
+            levels.photometry.curve,
             given.focal_sigma,
             lambda: companions_of(images, frame.index, frame.diameter_m, given),
         )
 
-    linearise = None if curve else lambda found: grey_levels(delivered, found)
-    about = photometry, linearise
-    return SolverInput(frame.diameter_m, frame.cameras, grey, full_scale_dn, *about, view=view, frame_id=frame.frame_id)
+    about = levels.grey, levels.full_scale_dn, levels.photometry, levels.linearise
+    return SolverInput(frame.diameter_m, frame.cameras, *about, view=view, frame_id=frame.frame_id)

@@ -141,6 +141,7 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
     The errors of the camera are left out if the views were taken by different cameras, without a single truth.
     """
     index, cameras = frame_cameras(dataset)
+    used = {view.frame_id for view in views}
     truth = rows_of_kind(dataset, ("chessboard",))
     keys = zip(truth["frame_id"].to_pylist(), truth["marker_id"].to_pylist(), strict=True)
     poses = dict(zip(keys, poses_of(truth), strict=True))
@@ -151,7 +152,6 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
             if v.corners_px is not None
         ]
     )
-    used = {index[view.frame_id] for view in views}
     camera = calibration.camera
     return {
         "group": ", ".join(dict.fromkeys(view.group for view in views)),
@@ -169,12 +169,23 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
         "cx_px": float(camera.K[0, 2]),
         "cy_px": float(camera.K[1, 2]),
         "distortion": list(camera.distortion),
-        **(calibration_errors(camera, cameras[used.pop()]) if len(used) == 1 else {}),
+        **errors_of_frames(dataset, camera, used),
     }
 
 
+def errors_of_frames(dataset: Dataset, camera: Camera, frame_ids: set[int]) -> dict[str, float]:
+    """`calibration_errors` against the true camera of these frames; empty if they have more than one."""
+    index, cameras = frame_cameras(dataset)
+    used = {index[frame_id] for frame_id in frame_ids}
+    return calibration_errors(camera, cameras[used.pop()]) if len(used) == 1 else {}
+
+
 def calibrate_dataset(
-    dataset_path: str | Path, camera_path: str | Path, group: str | None = None, count: int | None = None
+    dataset_path: str | Path,
+    camera_path: str | Path,
+    group: str | None = None,
+    count: int | None = None,
+    coefficients: int = 4,
 ) -> dict[str, Any]:
     """Calibrate from a dataset's chessboards, write the camera file, and return its errors.
 
@@ -187,6 +198,8 @@ def calibrate_dataset(
         As `calibrate`.
     count : int, optional
         Use only the first `count` views.
+    coefficients : int
+        As `calibrate`.
 
     Returns
     -------
@@ -196,14 +209,14 @@ def calibrate_dataset(
     dataset = open_dataset(dataset_path)
     group = calibration_group(dataset.images, group)
     views = first_views(look_for_boards(dataset.images, group), count)
-    return write_calibration(dataset, views, camera_path, group)
+    return write_calibration(dataset, views, camera_path, group, coefficients)
 
 
 def write_calibration(
-    dataset: Dataset, views: list[BoardView], camera_path: str | Path, group: str | None
+    dataset: Dataset, views: list[BoardView], camera_path: str | Path, group: str | None, coefficients: int = 4
 ) -> dict[str, Any]:
     """Write the camera file of these views; returns its errors, as `calibration_summary`."""
-    calibration = calibrate_views(views)
+    calibration = calibrate_views(views, coefficients)
     record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
     write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())
     return calibration_summary(dataset, views, calibration)
@@ -215,9 +228,13 @@ def calibration_lines(summary: dict[str, Any]) -> list[str]:
         return [f"calibration: {summary['reason']}"]
     total = summary["views"] + summary["missed_views"]
     views = f"{summary['views']} of {total} views, {summary['corners']} corners"
-    lines = [f"calibration: {views}, RMS {summary['rms_px']:.4f} px"]
+    return [f"calibration: {views}, RMS {summary['rms_px']:.4f} px", *error_lines(summary)]
+
+
+def error_lines(summary: dict[str, Any]) -> list[str]:
+    """The `calibration_errors` of a summary as a line; none without them."""
     if "projection_mean_px" not in summary:
-        return lines
+        return []
     parameters = "its lens model has terms that the calibration lacks, so only projection is compared"
     if "fx_error_pct" in summary:
         parameters = (
@@ -226,8 +243,7 @@ def calibration_lines(summary: dict[str, Any]) -> list[str]:
         )
     share = summary["projection_share"]
     over = "" if share == 1 else f" over {100 * share:.0f} % of the image; the calibrated lens does not cover the rest"
-    lines.append(
+    return [
         f"against the true camera: {parameters}; mean projection error {summary['projection_mean_px']:.3f} px, "
         f"maximum {summary['projection_max_px']:.3f} px{over}"
-    )
-    return lines
+    ]

@@ -90,8 +90,8 @@ def look_for_boards(
     return views
 
 
-def calibration_group(images: Images, asked: str | None) -> str | None:
-    """The group to calibrate from: the given one, else the first that shows only chessboards.
+def calibration_group(images: Images, asked: str | None, kind: str = "chessboard") -> str | None:
+    """The group to calibrate from: the given one, else the first that shows only boards of this kind.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def calibration_group(images: Images, asked: str | None) -> str | None:
     alone = dict.fromkeys(groups, True)
     for record, group in zip(images.records, groups, strict=True):
         kinds = {marker["kind"] for marker in record["markers"]}
-        alone[group] = alone[group] and kinds == {"chessboard"} and record["mode"] == "images"
+        alone[group] = alone[group] and kinds == {kind} and record["mode"] == "images"
     return next((group for group in groups if alone[group]), None)
 
 

@@ -1,0 +1,140 @@
+"""The verb `calibrate`, and a study's own calibrations: chessboards by OpenCV, circle grids by Roundel."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from roundel.cli.photo_verbs import are_photographs
+from roundel.cli.progress import progress
+from roundel.scenes.errors import UsageError
+
+if TYPE_CHECKING:
+    from roundel.datasets.dataset import Dataset
+    from roundel.solver.calibration.calibrate_images import GridViews
+
+CHESSBOARD, CIRCLE_GRID = "chessboard", "circle_grid"
+
+
+def calibrate(arguments: argparse.Namespace) -> int:
+    """Calibrate from a group of boards in a dataset, or from photographs of a circle grid."""
+    camera = Path(arguments.camera)
+    if camera.is_dir():
+        raise UsageError(f"{camera}: is a folder; the last argument is the camera file to write")
+    if are_photographs(arguments.inputs):
+        lines = _from_photographs(arguments, camera)
+    else:
+        given = [name for name in _PRINTED if getattr(arguments, name)]
+        if given:
+            raise UsageError(f"--{given[0].replace('_', '-')}: a dataset records its board; leave it out")
+        lines = _from_dataset(Path(arguments.inputs[0]), camera, arguments.group, arguments.views, arguments.k3)
+    print("\n".join(lines))
+    print(f"camera: {camera}")
+    return 0
+
+
+_PRINTED = ("grid", "spacing_m", "diameter_m", "asymmetric", "curve")
+
+
+def _from_photographs(arguments: argparse.Namespace, camera: Path) -> list[str]:
+    from roundel.solver.calibration.calibrate_images import photographed_grids
+    from roundel.solver.calibration.grid_layout import GridLayout
+
+    if arguments.group:
+        raise UsageError("--group: photographs have no groups; leave it out")
+    for name in ("grid", "spacing_m", "diameter_m"):
+        if not getattr(arguments, name):
+            raise UsageError(
+                "photographs need --grid COLUMNSxROWS, --spacing-m and --diameter-m of the printed circle grid"
+            )
+    columns, rows = arguments.grid
+    layout = GridLayout(columns, rows, arguments.spacing_m, arguments.diameter_m, arguments.asymmetric)
+    with progress("calibrate") as show:
+        views = photographed_grids(arguments.inputs, layout, arguments.curve, show).first(arguments.views)
+    return _write_grid(views, camera, arguments.k3)
+
+
+def _write_grid(
+    views: GridViews, camera: Path, k3: bool, dataset: Dataset | None = None, group: str | None = None
+) -> list[str]:
+    """Calibrate from a grid's views and write the camera file; returns lines for the terminal."""
+    from roundel.datasets.layout.files import write_file
+    from roundel.solver.calibration.calibrate_images import calibration_lines, calibration_to_json
+    from roundel.validate.calibration.camera_errors import error_lines, errors_of_frames
+
+    calibration = views.calibrate(5 if k3 else 4)
+    dataset_id = None if dataset is None else str(dataset.manifest["dataset_id"])
+    record = calibration_to_json(calibration, views, dataset_id, group)
+    write_file(camera, (json.dumps(record, indent=2) + "\n").encode())
+    lines = calibration_lines(calibration, views)
+    if dataset is None:
+        return lines
+    frames = {views.frame_ids[i] for i in calibration.views}
+    return [*lines, *error_lines(errors_of_frames(dataset, calibration.camera, frames))]
+
+
+def _from_dataset(path: Path, camera: Path, asked: str | None, count: int | None, k3: bool) -> list[str]:
+    from roundel.datasets.dataset import open_dataset
+    from roundel.solver.calibration.calibrate_images import grids_of_dataset
+    from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
+
+    dataset = open_dataset(path)
+    kind, group = _board_group(dataset, asked)
+    if kind == CHESSBOARD:
+        return calibration_lines(calibrate_dataset(path, camera, group, count, 5 if k3 else 4))
+    with progress("calibrate") as show:
+        views = grids_of_dataset(dataset.images, group, show).first(count)
+    return _write_grid(views, camera, k3, dataset, group)
+
+
+def _board_group(dataset: Dataset, asked: str | None) -> tuple[str, str | None]:
+    """The kind of board to calibrate from, and its group: the given one, else the first that shows only boards."""
+    from roundel.validate.calibration.opencv import calibration_group
+
+    images = dataset.images
+    groups = images.groups
+    if asked is not None:
+        group = calibration_group(images, asked)
+        kinds = {m["kind"] for i, name in enumerate(groups) if name == group for m in images.markers(i)}
+        return (CIRCLE_GRID if CIRCLE_GRID in kinds and CHESSBOARD not in kinds else CHESSBOARD), group
+    found = {kind: calibration_group(images, None, kind) for kind in (CHESSBOARD, CIRCLE_GRID)}
+    first = [(groups.index(group), kind) for kind, group in found.items() if group is not None]
+    kind = min(first)[1] if first else CHESSBOARD
+    return kind, found[kind]
+
+
+def calibrate_of_study(study: Any, out: Path) -> tuple[list[str], Path, dict[str, Path]]:
+    """The camera files that a study's intrinsics need, from its rendered dataset in `out`.
+
+    Returns
+    -------
+    lines : list of str
+        For the terminal.
+    camera : Path
+        From all views.
+    files : dict
+        Camera file of each of the study's labels.
+    """
+    from roundel.datasets.dataset import open_dataset
+    from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+    from roundel.solver.calibration.calibrate_images import grids_of_dataset
+    from roundel.validate.calibration.camera_errors import calibration_lines
+    from roundel.validate.calibration.study_calibrations import calibrate_study
+
+    dataset = open_dataset(out / "dataset")
+    kind, group = _board_group(dataset, study.solve.calibrate_from)
+    camera, folder = out / f"{kind}.json", out / "cameras"
+    if kind == CHESSBOARD:
+        records, files = calibrate_study(out / "dataset", study.solve, camera, folder)
+        return [line for record in records for line in calibration_lines(record)], camera, files
+    with progress("calibrate") as show:
+        views = grids_of_dataset(dataset.images, group, show)
+    lines, files = _write_grid(views, camera, False, dataset, group), {"calibrated": camera}
+    for label in study.solve.intrinsics:
+        count = IntrinsicsLabel.of(label).views
+        if count is not None:
+            files[label] = folder / f"{count}.json"
+            lines += _write_grid(views.first(count), files[label], False, dataset, group)
+    return lines, camera, files

@@ -1,0 +1,260 @@
+"""Calibration from images of a circle grid: arrays, photographs, or the frames of a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.datasets.layout.images import Images
+from roundel.scenes.blas_threads import one_blas_thread
+from roundel.scenes.camera.model import camera_to_json
+from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
+from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.solver.calibration.grid_calibration import GridCalibration, calibrate_grids
+from roundel.solver.calibration.grid_image import GridImage, find_grid
+from roundel.solver.calibration.grid_layout import GridLayout, layout_of, layout_problem
+from roundel.solver.photometry.frame_levels import Levels, frame_levels
+from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
+from roundel.solver.photometry.photometry import Photometry, level_step
+from roundel.solver.photos.photo_file import read_photo
+
+Progress = Callable[[int, int], None]
+
+KIND = "circle_grid"
+
+
+@dataclass(frozen=True, eq=False)
+class GridViews:
+    """The views of a grid by one camera.
+
+    Attributes
+    ----------
+    layout : GridLayout
+    size_px : (int, int)
+    images : list of GridImage
+    frame_ids : list of int
+        Of a dataset, else positions.
+    """
+
+    layout: GridLayout
+    size_px: tuple[int, int]
+    images: list[GridImage]
+    frame_ids: list[int]
+
+    def first(self, count: int | None) -> GridViews:
+        """The first `count` views, with or without a board; all for None.
+
+        Raises
+        ------
+        UsageError
+            If there are fewer.
+        """
+        if count is None:
+            return self
+        if count > len(self.images):
+            raise UsageError(
+                f"{count} views are requested, but {len(self.images)} show a circle grid; request at most that many"
+            )
+        return GridViews(self.layout, self.size_px, self.images[:count], self.frame_ids[:count])
+
+    def calibrate(self, coefficients: int = 4) -> GridCalibration:
+        """See `calibrate_grids`."""
+        return calibrate_grids(self.images, self.layout, self.size_px, coefficients)
+
+
+def calibrate_images(
+    images: Sequence[NDArray[Any]],
+    layout: GridLayout,
+    curve: ResponseCurve | str | None = None,
+    coefficients: int = 4,
+) -> GridCalibration:
+    """Calibrate a camera from images of a circle grid.
+
+    Parameters
+    ----------
+    images : sequence of (H, W) or (H, W, C) arrays
+        Of one size; see `roundel.locate`.
+    layout : GridLayout
+        The printed grid.
+    curve : ResponseCurve or str, optional
+        See `roundel.locate`.
+    coefficients : int
+        4 (k1, k2, p1, p2) or 5 (and k3).
+
+    Returns
+    -------
+    GridCalibration
+
+    Raises
+    ------
+    ValueError
+        If an image or the layout is invalid, or the images differ in size.
+    NotComparableError
+        If the views do not determine the camera.
+    """
+    problem = layout_problem(layout)
+    if problem:
+        raise ValueError(f"the circle grid {problem}")
+    wanted = curve if isinstance(curve, ResponseCurve) or curve is None else parse_curve(curve)
+    sizes = {np.shape(image)[:2] for image in images}
+    if len(sizes) > 1:
+        raise ValueError(f"the images have {len(sizes)} sizes; calibrate one camera at a time")
+    loads = [partial(_array_levels, image, wanted if wanted and wanted.known else None) for image in images]
+    return _views(loads, layout).calibrate(coefficients)
+
+
+def _array_levels(image: NDArray[Any], curve: ResponseCurve | None) -> Levels:
+    grey, top_dn = grey_levels(image, curve or UNKNOWN, keep_8bit=True)
+    photometry = Photometry(curve or UNKNOWN, top_dn, level_step(image, top_dn), averaged_rounding(image))
+    return Levels(grey, top_dn, photometry, None if curve else lambda found: grey_levels(image, found))
+
+
+@one_blas_thread()
+def photographed_grids(
+    paths: Sequence[str | Path], layout: GridLayout, curve: str | None = None, progress: Progress | None = None
+) -> GridViews:
+    """The grid in photographs of one camera.
+
+    Parameters
+    ----------
+    paths : sequence of path
+    layout : GridLayout
+    curve : str, optional
+        See `solve_photographs`.
+    progress : callable, optional
+        Called with (photographs done, total photographs).
+
+    Raises
+    ------
+    DataError
+        If a photograph cannot be read.
+    NotComparableError
+        If the photographs differ in size.
+    UsageError
+        If the layout or the curve is invalid.
+    """
+    problem = layout_problem(layout)
+    if problem:
+        raise UsageError(f"the circle grid {problem}")
+    asked = None if curve is None else parse_curve(curve) or UNKNOWN
+    return _views([partial(_photo_levels, path, asked) for path in paths], layout, progress)
+
+
+def _photo_levels(path: str | Path, curve: ResponseCurve | None) -> Levels:
+    photo = read_photo(path, curve)
+    linearise = None if photo.photometry.curve.known else photo.grey_by
+    return Levels(photo.grey, photo.saturation_dn, photo.photometry, linearise)
+
+
+def _views(
+    loads: Sequence[Callable[[], Levels]],
+    layout: GridLayout,
+    progress: Progress | None = None,
+    frame_ids: list[int] | None = None,
+) -> GridViews:
+    sizes, found = set(), []
+    for done, load in enumerate(loads):
+        if progress is not None:
+            progress(done, len(loads))
+        view = find_grid(load, layout)
+        found.append(view)
+        sizes.add(view.size_px)
+    if progress is not None:
+        progress(len(loads), len(loads))
+    if len(sizes) > 1:
+        raise NotComparableError(f"the views have {len(sizes)} image sizes; calibrate one camera at a time")
+    return GridViews(layout, next(iter(sizes), (0, 0)), found, frame_ids or list(range(len(found))))
+
+
+@one_blas_thread()
+def grids_of_dataset(images: Images, group: str | None, progress: Progress | None = None) -> GridViews:
+    """The views of a dataset's group (default: of all groups) that show a circle grid.
+
+    Raises
+    ------
+    NotComparableError
+        If no frame shows one, or they differ in layout or size.
+    """
+    numbers = [
+        i
+        for i in range(len(images))
+        if (group is None or images.groups[i] == group)
+        and images.mode(i) == "images"
+        and any(marker["kind"] == KIND for marker in images.markers(i))
+    ]
+    if not numbers:
+        raise NotComparableError(f"no frame shows a {KIND}; calibrate from a group that does")
+    layouts = {layout_of(m["layout"]) for i in numbers for m in images.markers(i) if m["kind"] == KIND}
+    if len(layouts) > 1:
+        raise NotComparableError(f"the views show {len(layouts)} different grids; calibrate from a group with one")
+    loads = [partial(_frame, images, i) for i in numbers]
+    return _views(loads, layouts.pop(), progress, [images.frame_ids[i] for i in numbers])
+
+
+def _frame(images: Images, i: int) -> Levels:
+    return frame_levels(images, i, images.image(i))
+
+
+def calibration_to_json(
+    calibration: GridCalibration, views: GridViews, dataset_id: str | None = None, group: str | None = None
+) -> dict[str, Any]:
+    """A camera file: the camera keys of `cameras.json`, their source, and their covariance."""
+    used = [views.frame_ids[i] for i in calibration.views]
+    return {
+        **camera_to_json(calibration.camera),
+        "calibration": {
+            "board": KIND,
+            "rms_px": calibration.rms_px,
+            "views": len(used),
+            "missed_views": len(views.images) - len(used),
+            "frames": used,
+            "group": group,
+            "dataset_id": dataset_id,
+            "dots": calibration.used,
+            "left_out_dots": calibration.left_out,
+            "diameter_m": calibration.diameter_m,
+            "chi_square": calibration.chi_square,
+            "widened": calibration.widened,
+            "parameters": list(calibration.parameters),
+            "sigma": calibration.sigmas,
+            "covariance": calibration.covariance.tolist(),
+        },
+    }
+
+
+def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[str]:
+    """A calibration as lines for the terminal."""
+    k, sigma = calibration.camera.K, calibration.sigmas
+    values = {"fx": k[0, 0], "fy": k[1, 1], "cx": k[0, 2], "cy": k[1, 2]}
+    lines = [
+        f"calibration: {len(calibration.views)} of {len(views.images)} views, {calibration.used} circles, "
+        f"RMS {calibration.rms_px:.4f} px, chi-square {calibration.chi_square:.2f} per degree of freedom",
+        ", ".join(f"{name} {value:.3f} ± {sigma[name]:.3f}" for name, value in values.items())
+        + " px; "
+        + ", ".join(
+            f"{name} {value:.5f} ± {sigma[name]:.5f}"
+            for name, value in zip(calibration.parameters[4:-1], calibration.camera.distortion, strict=True)
+        ),
+    ]
+    if calibration.widened:
+        lines.append(
+            f"the circles scatter {calibration.chi_square**0.5:.1f} times as much as the noise of their pixels (a bent "
+            "board, moving edges, or another lens model); the standard deviations above are widened by it"
+        )
+    asked, found, own = views.layout.diameter_m, calibration.diameter_m, sigma["diameter_m"]
+    if abs(found / asked - 1.0) > max(_ODD_DIAMETER, 5 * own / asked):
+        lines.append(
+            f"the dots measure {found / views.layout.spacing_m:.3f} of their spacing, not "
+            f"{asked / views.layout.spacing_m:.3f} as given; the spacing counts, the diameter was fitted"
+        )
+    return lines
+
+
+# Ink spreads by some hundredths of a millimetre; more is another board.
+_ODD_DIAMETER = 0.03

@@ -1,0 +1,183 @@
+"""Predicted images of a board's circles, and their derivatives by camera, board pose and dot diameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import (
+    Camera,
+    denormalise,
+    distort_normalised,
+    distorts,
+    normalise,
+    undistort_normalised,
+)
+from roundel.solver.calibration.fitted_ellipse import fitted_ellipses
+
+Array = NDArray[np.float64]
+
+# Points of a contour. The sums over it are periodic and smooth, so they converge faster than any power of it: for an
+# axis ratio of 3, 24 points are exact to 1e-7 px and 32 to 1e-9 px.
+CONTOUR_POINTS = 32
+POSE = 6  # rotation vector in the camera's frame, translation
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """The measured dots of all views of a calibration.
+
+    Attributes
+    ----------
+    view : (N,) array of int
+        The view of each dot, in ascending order.
+    centre_m : (N, 2) array
+        In the board's frame.
+    shape : (N, 5) array
+        Measured ellipse (x, y, S11, S12, S22) in the image, px, or in `lens`'s undistorted coordinates.
+    shape_cov : (N, 5, 5) array
+    lens : Camera or None
+        The lens that was removed from the pixels' positions before the fit: of an earlier estimate; None for none.
+    """
+
+    view: NDArray[np.int64]
+    centre_m: Array
+    shape: Array
+    shape_cov: Array
+    lens: Camera | None = None
+
+    def __len__(self) -> int:
+        return len(self.view)
+
+    def chosen(self, which: NDArray[np.bool_]) -> Dots:
+        """Some of the dots."""
+        return replace(
+            self,
+            view=self.view[which],
+            centre_m=self.centre_m[which],
+            shape=self.shape[which],
+            shape_cov=self.shape_cov[which],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The unknowns of a calibration: camera, diameter of a dot, poses `camera_from_board` (V, 4, 4)."""
+
+    camera: Camera
+    diameter_m: float
+    poses: Array
+
+    @property
+    def camera_parameters(self) -> Array:
+        """fx, fy, cx, cy, the distortion coefficients, and the natural logarithm of the diameter in metres."""
+        k = self.camera.K
+        return np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], *self.camera.distortion, np.log(self.diameter_m)])
+
+    def moved(self, camera_step: Array, pose_steps: Array) -> Model:
+        """The model after a step: added to the camera's parameters, (V, 6) composed with the poses."""
+        fx, fy, cx, cy, *distortion, log_diameter = self.camera_parameters + camera_step
+        k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        poses = self.poses.copy()
+        poses[:, :3, :3] = rotations(pose_steps[:, :3]) @ poses[:, :3, :3]
+        poses[:, :3, 3] += pose_steps[:, 3:]
+        camera = replace(self.camera, K=k, distortion=tuple(map(float, distortion)))
+        return Model(camera, float(np.exp(log_diameter)), poses)
+
+
+def rotations(vectors: Array) -> Array:
+    """Rotation matrices (V, 3, 3) of rotation vectors (V, 3), by Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    # sinc is exact at zero; (1 - cos a) / a^2 = sinc(a / 2)^2 / 2.
+    once, twice = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.asarray(np.eye(3) + once * cross + twice * (cross @ cross))
+
+
+def predicted_shapes(model: Model, dots: Dots) -> tuple[Array, Array]:
+    """The ellipses that a fit finds on the images of the dots, and their derivatives.
+
+    Returns
+    -------
+    shape : (N, 5) array
+        NaN where the lens model does not image a dot.
+    jacobian : (N, 5, c + 6) array
+        By the c camera parameters of `Model`, and by the step of the dot's own pose.
+    """
+    points, by_point = _imaged(model, dots)
+    good = np.isfinite(points).all(axis=(1, 2))
+    shape, jacobian = np.full((len(dots), 5), np.nan), np.full((len(dots), 5, by_point.shape[-1]), np.nan)
+    shape[good], inner = fitted_ellipses(points[good])
+    jacobian[good] = np.einsum("Npki,Nkij->Npj", inner, by_point[good])
+    return shape, jacobian
+
+
+def contours_px(model: Model, dots: Dots) -> Array:
+    """Contours of the dots in the image, (N, CONTOUR_POINTS, 2) px."""
+    return _imaged(model, replace(dots, lens=None))[0]
+
+
+def _imaged(model: Model, dots: Dots) -> tuple[Array, Array]:
+    """Contours (N, n, 2) and their derivatives (N, n, 2, c + 6)."""
+    turn = 2 * np.pi * np.arange(CONTOUR_POINTS) / CONTOUR_POINTS
+    unit = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    board = dots.centre_m[:, None] + model.diameter_m / 2 * unit
+    rotation, shift = model.poses[:, :3, :3][dots.view], model.poses[:, :3, 3][dots.view]
+    turned = np.einsum("Nij,Nkj->Nki", rotation[:, :, :2], board)
+    place = turned + shift[:, None]
+    depth = np.where(place[..., 2] > 0, place[..., 2], np.nan)
+    xy = place[..., :2] / depth[..., None]
+    bent, bend = distort_normalised(model.camera, xy)
+    focal = np.array([model.camera.K[0, 0], model.camera.K[1, 1]])
+    image = denormalise(model.camera, bent)
+
+    by_xy = focal[:, None] * bend
+    by_place = (
+        np.concatenate([by_xy, -np.einsum("Nkij,Nkj->Nki", by_xy, xy)[..., None]], axis=-1) / depth[..., None, None]
+    )
+    growth = np.einsum("Nij,kj->Nki", rotation[:, :, :2], model.diameter_m / 2 * unit)
+    # d (exp(w) y) / d w = -[y]x
+    y1, y2, y3 = (turned[..., i] for i in range(3))
+    zero = np.zeros_like(y1)
+    cross = np.stack([zero, y3, -y2, -y3, zero, y1, y2, -y1, zero], axis=-1).reshape(*y1.shape, 3, 3)
+    count = len(model.camera.distortion)
+    jacobian = np.zeros((*image.shape, 5 + count + POSE))
+    jacobian[..., 0, 0], jacobian[..., 1, 1] = bent[..., 0], bent[..., 1]
+    jacobian[..., 0, 2] = jacobian[..., 1, 3] = 1.0
+    jacobian[..., 4 : 4 + count] = focal[:, None] * _by_coefficients(xy, count)
+    jacobian[..., 4 + count] = np.einsum("Nkij,Nkj->Nki", by_place, growth)
+    jacobian[..., 5 + count : 8 + count] = by_place @ cross
+    jacobian[..., 8 + count :] = by_place
+    if dots.lens is None or not distorts(dots.lens):
+        return image, jacobian
+    straight, slope = _undistorted(dots.lens, image)
+    return straight, slope @ jacobian
+
+
+def _by_coefficients(xy: Array, count: int) -> Array:
+    """Derivative (..., 2, count) of the distorted coordinates by k1, k2, p1, p2, k3 (`scenes.camera.lens_opencv`)."""
+    x, y = xy[..., 0], xy[..., 1]
+    u = x * x + y * y
+    columns = [
+        xy * u[..., None],
+        xy * (u * u)[..., None],
+        np.stack([2 * x * y, u + 2 * y * y], axis=-1),
+        np.stack([u + 2 * x * x, 2 * x * y], axis=-1),
+        xy * (u**3)[..., None],
+    ]
+    return np.stack(columns[:count], axis=-1)
+
+
+def _undistorted(lens: Camera, image_px: Array) -> tuple[Array, Array]:
+    """Undistorted coordinates under a fixed lens, px, and their derivative (..., 2, 2) by the image."""
+    xy = undistort_normalised(lens, normalise(lens, image_px))
+    focal = np.array([lens.K[0, 0], lens.K[1, 1]])
+    slope = focal[:, None] * distort_normalised(lens, xy)[1] / focal
+    good = np.isfinite(slope).all(axis=(-1, -2))
+    inverse = np.full_like(slope, np.nan)
+    inverse[good] = np.linalg.inv(slope[good])
+    return denormalise(lens, xy), inverse
