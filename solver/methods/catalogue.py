@@ -95,6 +95,20 @@ CATALOGUE: tuple[Listed, ...] = (
         "ellipses, both poses",
         "Szpak, Chojnacki, van den Hengel, Guaranteed ellipse fitting with a confidence region, JMIV 52, 2015",
     ),
+    _related(
+        "chessboard",
+        "chessboard disc_with_chessboard",
+        "a chessboard by cv2.findChessboardCornersSB",
+        "both poses, focal length",
+        "Zhang 2000; Duda and Frese 2018",
+    ),
+    _related(
+        "fiala2010",
+        "tags",
+        "square tags by cv2.aruco: ArUco and AprilTag, edges refined below the pixel",
+        "both poses, identity, focal length",
+        "Fiala 2010",
+    ),
 )
 
 

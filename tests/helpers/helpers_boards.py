@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 
 from roundel.scenes.camera.model import Camera, normalise, project, undistort_px
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
-from roundel.validate.calibration.chessboard import BoardLayout, board_points_m
+from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,8 @@
 """OpenCV's calibration, and the chessboard as a reference.
 
 camera_errors: Errors of a calibrated camera against the true one
-chessboard: Chessboard detection and pose: corners by OpenCV, then ordered and refined
+chessboard: Pose of a chessboard from its corners, as the reference of a camera: the better of both poses of its
+    plane
 chessboard_reference: Reference pose from the chessboard: the pose of a circle from the board printed beside it, by
     `cv2.solvePnP`
 opencv: Camera calibration from chessboard views by OpenCV, blind to the truth

@@ -20,7 +20,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import write_file
 from roundel.scenes.camera.model import Camera, project, ray_direction
 from roundel.scenes.errors import NotComparableError
-from roundel.validate.calibration.chessboard import BoardLayout, board_points_m
+from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m
 from roundel.validate.calibration.opencv import (
     BoardView,
     Calibration,

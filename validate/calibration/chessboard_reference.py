@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.model import Camera
-from roundel.validate.calibration.chessboard import BoardLayout, pose_of_corners
+from roundel.solver.detect.chessboard_corners import BoardLayout
+from roundel.validate.calibration.chessboard import pose_of_corners
 from roundel.validate.calibration.opencv import BoardView
 from roundel.validate.metrics.ground_truth import (
     CONTOUR_POINTS,

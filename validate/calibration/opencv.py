@@ -17,7 +17,7 @@ from roundel.datasets.layout.images import Images
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json, project
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.scenes.study.schema import MIN_CALIBRATION_VIEWS
-from roundel.validate.calibration.chessboard import BoardLayout, board_points_m, detect_corners, layout_of
+from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m, detect_corners, layout_of
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import DataError
-from roundel.validate.calibration.chessboard import grey
+from roundel.solver.detect.chessboard_corners import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
 from roundel.validate.scores.scores import Scores
 from roundel.validate.scores.summary import number

@@ -14,15 +14,15 @@ from roundel.datasets.layout.images import Images
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
-from roundel.validate.calibration.camera_errors import calibration_errors, corner_offsets_px, projection_difference
-from roundel.validate.calibration.chessboard import (
+from roundel.solver.detect.chessboard_corners import (
     BoardLayout,
     board_points_m,
-    board_pose,
     detect_corners,
     grey,
     layout_of,
 )
+from roundel.validate.calibration.camera_errors import calibration_errors, corner_offsets_px, projection_difference
+from roundel.validate.calibration.chessboard import board_pose
 from roundel.validate.calibration.opencv import calibrate, calibration_to_json, read_camera
 
 LAYOUT = BoardLayout(9, 6, 0.025)

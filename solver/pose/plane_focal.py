@@ -1,0 +1,155 @@
+"""Focal length from one view of a known plane: square pixels and a known principal point.
+
+The plane's homography H = [h1 h2 h3], in coordinates centred on the principal point, gives two constraints on
+w = diag(1, 1, f^2) / f^2 (Liebowitz and Zisserman, 1998; Zhang, 2000, equations 3 and 4):
+
+    h1^T w h2 = 0          f^2 = -(h1x h2x + h1y h2y) / (h1z h2z)
+    h1^T w h1 = h2^T w h2  f^2 = -(h1x^2 + h1y^2 - h2x^2 - h2y^2) / (h1z^2 - h2z^2)
+
+Each is singular for some directions of the tilt (the first for a tilt about an axis of the square, the second about a
+diagonal), and both without perspective. Their weighted combination starts a fit of the pose and the focal length
+together. Near fronto-parallel the error of that fit is not normal, so its standard deviation comes from the profile of
+the likelihood: the focal lengths that the points exclude at 95 %.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from roundel.solver.pose.plane_pose import PlanePoints, PlanePose, normalised, plane_poses, refined_pose
+
+Array = NDArray[np.float64]
+
+# Rise of chi^2 at the ends of a 95 % interval, and the standard deviations it has.
+RISE_95, SIGMAS_95 = 3.8415, 1.96
+# A focal length whose interval reaches farther than this (in logarithm) is not bounded by the view.
+LARGEST_LOG = 1.5
+FRONTO_PARALLEL = (
+    "the plane is too close to fronto-parallel: its points do not bound the focal length; tilt it or move closer"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFocal:
+    """Focal length (fx) with its standard deviation, px, and the pose that goes with it."""
+
+    focal_px: float
+    sigma_px: float
+    pose: PlanePose
+
+
+def homography(points_m: ArrayLike, image: ArrayLike) -> Array:
+    """Homography (3, 3) from the plane (N, 2+) to the image (N, 2): normalised DLT (Hartley and Zisserman, 4.4.4)."""
+    plane, pixel = np.asarray(points_m, dtype=np.float64)[:, :2], np.asarray(image, dtype=np.float64)
+    to_plane, to_pixel = _similarity(plane), _similarity(pixel)
+    a, b = _moved(to_plane, plane), _moved(to_pixel, pixel)
+    zero = np.zeros_like(a)
+    rows = np.concatenate(
+        [np.concatenate([a, zero, -b[:, :1] * a], axis=1), np.concatenate([zero, a, -b[:, 1:2] * a], axis=1)]
+    )
+    h = np.linalg.svd(rows)[2][-1].reshape(3, 3)
+    return np.asarray(np.linalg.inv(to_pixel) @ h @ to_plane)
+
+
+def _similarity(points: Array) -> Array:
+    middle = points.mean(axis=0)
+    scale = np.sqrt(2) / np.linalg.norm(points - middle, axis=1).mean()
+    return np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
+
+
+def _moved(similarity: Array, points: Array) -> Array:
+    return np.concatenate([points, np.ones((len(points), 1))], axis=1) @ similarity.T
+
+
+def squared_focals(h: ArrayLike) -> tuple[float, float]:
+    """f^2 by each of the two constraints; `h` maps to coordinates centred on the principal point, square pixels.
+
+    Infinite, of either sign, or NaN where a constraint is singular.
+    """
+    m = np.asarray(h, dtype=np.float64)
+    (a1, b1), (a2, b2) = _constraints(m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.float64(-a1) / b1), float(np.float64(-a2) / b2)
+
+
+def _constraints(h: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """(a, b) of each constraint a / f^2 + b = 0."""
+    first, second = h[:, 0], h[:, 1]
+    return (
+        (float(first[:2] @ second[:2]), float(first[2] * second[2])),
+        (float(first[:2] @ first[:2] - second[:2] @ second[:2]), float(first[2] ** 2 - second[2] ** 2)),
+    )
+
+
+def focal_from_plane(given: PlanePoints, square: bool = False) -> PlaneFocal:
+    """Focal length from one view of a plane, with an honest standard deviation.
+
+    Parameters
+    ----------
+    given : PlanePoints
+        The camera's fx / fy and principal point are taken as known, its focal length is not used.
+    square : bool
+        See `plane_poses`.
+
+    Raises
+    ------
+    ValueError
+        If the points do not bound the focal length.
+    """
+    best = _best_fit(given, square)
+    if best is None:
+        raise ValueError(FRONTO_PARALLEL)
+    ends = [_end_of_interval(given, best, side, square) for side in (-1, 1)]
+    if not all(np.isfinite(ends)):
+        raise ValueError(FRONTO_PARALLEL)
+    sigma = max(abs(end - best.log_scale) for end in ends) / SIGMAS_95
+    focal = float(given.camera.K[0, 0] * np.exp(best.log_scale))
+    return PlaneFocal(focal, sigma * focal, best)
+
+
+def _best_fit(given: PlanePoints, square: bool) -> PlanePose | None:
+    """The joint fit of pose and focal length, from the closed form and from focal lengths about it."""
+    # In units of the camera's focal length: square pixels, centred on the principal point.
+    (a1, b1), (a2, b2) = _constraints(homography(given.points_m, normalised(given, 0.0)))
+    squared = -(a1 * b1 + a2 * b2) / max(b1 * b1 + b2 * b2, 1e-300)
+    starts = [0.5 * np.log(squared)] if 1e-3 < squared < 1e3 else []
+    starts += [-0.7, 0.0, 0.7]
+    best: PlanePose | None = None
+    for start in starts:
+        for pose in plane_poses(given, float(start), square):
+            free = refined_pose(given, pose.camera_from_marker, float(start), free=True)
+            if free is None or abs(free.log_scale) > 5 or free.normal @ free.centre_m >= 0:
+                continue
+            if best is None or free.chi2 < best.chi2:
+                best = free
+        if best is not None and start == starts[0] and best.chi2 < 1e-9:
+            break  # exact points: no other start can be better
+    return best
+
+
+def _end_of_interval(given: PlanePoints, best: PlanePose, side: int, square: bool) -> float:
+    """Where chi^2, minimised over the pose, has risen by that of 95 %; infinite if nowhere within LARGEST_LOG."""
+
+    def rise(log_scale: float) -> float:
+        poses = plane_poses(given, log_scale, square)
+        return poses[0].chi2 - best.chi2 - RISE_95 if poses else np.inf
+
+    variance = np.linalg.pinv(best.information, hermitian=True)[6, 6]
+    step = float(np.clip(SIGMAS_95 * np.sqrt(max(variance, 0)), 1e-9, LARGEST_LOG))
+    inner, outer = 0.0, step
+    while rise(best.log_scale + side * outer) < 0:
+        inner, outer = outer, 1.5 * outer
+        if outer > LARGEST_LOG:
+            return float("inf")
+    for _ in range(12):
+        middle = 0.5 * (inner + outer)
+        if rise(best.log_scale + side * middle) < 0:
+            inner = middle
+        else:
+            outer = middle
+        if outer - inner < 0.02 * outer:
+            break
+    return best.log_scale + side * outer
