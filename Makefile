@@ -82,9 +82,12 @@ bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
 	$(BIN)/python benchmarks/solver/peers_solver.py $(BENCH_FLAGS)
 
-peers-env: env ## .bench-peers with simittag and pycalib, for `make bench-solver`
+# A .pth file puts the folder at the end of the search path: Roundel's own OpenCV and NumPy come first.
+peers-env: env ## .bench-peers with the programs beside ours, as methods of `roundel solve`
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --upgrade --target .bench-peers --group peers
+	rm -rf .bench-peers
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --target .bench-peers --group peers ./benchmarks/peers
+	$(BIN)/python -c 'import pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "roundel-peers.pth").write_text("$(CURDIR)/.bench-peers\n")'
 
 docs: env ## the documentation site: out/docs/index.html
 	@$(BIN)/python -c 'import sphinx, furo, numpydoc, myst_parser' 2>/dev/null || \

@@ -14,7 +14,7 @@ from roundel.configs.shipped import study_names
 METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
 KINDS = (
     "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code", "two_discs", "dot_ring",
-    "disc_with_chessboard", "chessboard", "circle_grid", "charuco", "tags",
+    "disc_with_chessboard", "chessboard", "circle_grid", "charuco", "tags", "stag",
 )  # fmt: skip
 PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (

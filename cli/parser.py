@@ -249,7 +249,7 @@ def _add_tools(add: AddVerb) -> None:
         "kind",
         metavar="KIND",
         help="disc, disc_with_tick, ring, rings, coded_rings, ring_code, dot_code, two_discs, dot_ring, "
-        "disc_with_chessboard, chessboard, circle_grid, charuco, tags",
+        "disc_with_chessboard, chessboard, circle_grid, charuco, tags, stag",
     )
     marker.add_argument("out", metavar="OUT", help="file to write, .pdf or .svg")
     marker.add_argument("--diameter-m", type=positive, metavar="D", help="diameter of the circle (default 0.08)")

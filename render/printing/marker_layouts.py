@@ -26,6 +26,7 @@ _BOARDS: dict[str, dict[str, Any]] = {
     "chessboard": {"columns": 8, "rows": 5, "square_m": 0.02},
     "charuco": {"columns": 8, "rows": 5, "square_m": 0.022, "tag_m": 0.016},
     "tags": {"tag_m": 0.08},
+    "stag": {"tag_m": 0.08},
     "circle_grid": {"columns": 7, "rows": 5, "spacing_m": 0.025, "diameter_m": 0.015},
     "dot_ring": {"dots": 6},
     "coded_rings": {"code": list(_CODE)},

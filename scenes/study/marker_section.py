@@ -105,8 +105,9 @@ class RingsSection(_Print):
 class CodedRingsSection(_Print):
     """A disc in a ring, with rings of code cells between them; the outer circle is the circle of record.
 
-    The layout of simittag, whose fractions are the defaults; `code` has a string of 0 and 1 (ink) for each ring of
-    cells, from the inside, clockwise from +X as seen by a reader of the print.
+    The layout of simittag, whose fractions are the defaults, and, with a hole in the disc, that of ringgrid; `code` has
+    a string of 0 and 1 (ink) for each ring of cells, from the inside, clockwise from +X as seen by a reader of the
+    print.
     """
 
     kind: Literal["coded_rings"] = Field(description="a disc in a ring, with rings of code cells between them")
@@ -117,6 +118,7 @@ class CodedRingsSection(_Print):
         description="a string of 0 and 1 (ink) for each ring of cells, from the inside, clockwise from +X",
     )
     disc: Fraction = Field(default=0.22, description="radius of the disc, in outer radii")
+    hole: Fraction = Field(default=0.0, description="radius of a hole of paper in the disc, in outer radii; 0 for none")
     code_from: Fraction = Field(default=0.30, description="inner radius of the code cells, in outer radii")
     code_to: Fraction = Field(default=0.78, description="outer radius of the code cells, in outer radii")
     ring_from: Fraction = Field(default=0.86, description="inner radius of the outer ring, in outer radii")
@@ -246,6 +248,14 @@ class TagBoardSection(_Print):
     first_id: int = Field(default=0, ge=0, description="identifier of the first tag")
 
 
+class StagSection(_Print):
+    """STag's square with a circle of dots in it, from its library HD21."""
+
+    kind: Literal["stag"] = Field(description="STag's square with a circle of dots in it")
+    tag_m: Positive = Field(description="side of the square, m")
+    id: Identity = Field(default=0, description="identity, 0 to 11")
+
+
 Marker = Annotated[
     DiscSection
     | DiscWithTickSection
@@ -260,7 +270,8 @@ Marker = Annotated[
     | ChessboardSection
     | DiscWithChessboardSection
     | CharucoSection
-    | TagBoardSection,
+    | TagBoardSection
+    | StagSection,
     Field(discriminator="kind"),
 ]
 
@@ -279,6 +290,7 @@ KINDS: dict[str, type[Section]] = {
     "disc_with_chessboard": DiscWithChessboardSection,
     "charuco": CharucoSection,
     "tags": TagBoardSection,
+    "stag": StagSection,
 }
 
 # Boards that a study may calibrate its camera from.

@@ -17,6 +17,7 @@ from roundel.scenes.markers.circle_grid import circle_grid_centres_m
 from roundel.scenes.markers.dot_codes import dots_of
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Clutter, Disc, Part, Sectors, Shape, Sheet
 from roundel.scenes.markers.ring_codes import ring_code_radii
+from roundel.scenes.markers.stag_codes import CIRCLE, DOT, DOTS_WITHIN, stag_dots
 from roundel.scenes.markers.surfaces import Curve
 from roundel.scenes.markers.tags import charuco_grid, tag_grid
 from roundel.scenes.study import marker_section as sections
@@ -74,9 +75,11 @@ def _rings(section: sections.RingsSection, ink: float, paper: float) -> _Print:
 
 
 def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) -> _Print:
+    hole = float(section.hole)
     shares = [float(v) for v in (section.disc, section.code_from, section.code_to, section.ring_from, 1.0)]
-    if not all(0 < a < b for a, b in pairwise(shares)):
-        raise ValueError("marker.disc: needs 0 < disc < code_from < code_to < ring_from < 1")
+    # The bands of ringgrid touch its rings.
+    if not (hole < shares[0] and 0 < shares[0] <= shares[1] < shares[2] <= shares[3] < 1):
+        raise ValueError("marker.disc: needs hole < disc <= code_from < code_to <= ring_from < 1")
     if len({len(ring) for ring in section.code}) != 1:
         raise ValueError("marker.code: every ring needs the same number of cells")
     outer = section.diameter_m / 2
@@ -87,7 +90,12 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
     shapes: list[Shape] = [Disc(0.0, 0.0, outer, ink), Disc(0.0, 0.0, ring, paper), code, Disc(0.0, 0.0, disc, ink)]
     layout: dict[str, Any] = dict(zip(("disc", "code_from", "code_to", "ring_from"), shares[:-1], strict=True))
     layout["code"] = list(section.code)
-    finest = min(2 * disc, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors)
+    widths = [disc - outer * hole, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors]
+    if hole > 0:
+        shapes.append(Disc(0.0, 0.0, outer * hole, paper))
+        layout["hole"] = hole
+        widths.append(2 * outer * hole)
+    finest = min(width for width in widths if width > 1e-12 * outer)
     return _Print(shapes, [Part(0, "coded_rings", 0.0, 0.0, outer, layout)], float(finest))
 
 
@@ -210,6 +218,18 @@ def _tags(section: sections.TagBoardSection, ink: float, paper: float) -> _Print
     return _Print([cells], [part], min(cells.cell_m, gap) if gap > 0 else cells.cell_m)
 
 
+def _stag(section: sections.StagSection, ink: float, paper: float) -> _Print:
+    side = float(section.tag_m)
+    try:
+        dots = side * stag_dots(int(section.id))
+    except ValueError as error:
+        raise ValueError(f"marker.id: {error}") from error
+    shapes: list[Shape] = [Bar(0.0, 0.0, side, side, 0.0, ink), Disc(0.0, 0.0, side * CIRCLE, paper)]
+    shapes += [Disc(float(x), float(y), side * DOT, ink) for x, y in dots]
+    part = Part(0, "stag", 0.0, 0.0, None, {"tag_m": side, "id": int(section.id)}, (side, side))
+    return _Print(shapes, [part], side * (CIRCLE - DOTS_WITHIN))
+
+
 _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "disc": _disc,
     "disc_with_tick": _disc_with_tick,
@@ -225,6 +245,7 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "disc_with_chessboard": _disc_with_chessboard,
     "charuco": _charuco,
     "tags": _tags,
+    "stag": _stag,
 }
 
 

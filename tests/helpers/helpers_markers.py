@@ -26,6 +26,7 @@ MARKERS: dict[str, dict[str, Any]] = {
     },
     "charuco": {"columns": 5, "rows": 4, "square_m": 0.03, "tag_m": 0.02, "first_id": 3},
     "circle_grid": {"columns": 4, "rows": 5, "spacing_m": 0.02, "diameter_m": 0.014, "layout": "asymmetric"},
+    "stag": {"tag_m": 0.08, "id": 3},
     "tags": {"columns": 3, "rows": 2, "tag_m": 0.04, "gap_m": 0.01},
 }
 

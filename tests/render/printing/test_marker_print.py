@@ -22,7 +22,7 @@ SMALL = {"dot_ring": 0.03, "disc_with_chessboard": 0.05}
 
 
 def section_of(kind: str, **keys):
-    diameter = None if kind in ("chessboard", "circle_grid", "charuco", "tags") else SMALL.get(kind, 0.08)
+    diameter = None if kind in ("chessboard", "circle_grid", "charuco", "tags", "stag") else SMALL.get(kind, 0.08)
     return marker_to_print(kind, diameter, keys)
 
 

@@ -1,21 +1,24 @@
-"""simittag's detector (PyPI, 0.2) as a method of Roundel: decoded tags, with the pose that their code decides."""
+"""simittag (0.2): coded concentric rings; decoded tags, with the pose that their code decides."""
+
+from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from simittag.detect import detect_markers
 
 from roundel.solver.methods.plugin import Found, View
+from roundel_peers.frames import printed, straight
 
 
 def find(view: View) -> list[Found]:
     """Poses of the tags that simittag decodes."""
-    if view.camera.distortion_model != "opencv":
-        raise ValueError("simittag knows OpenCV's lens model only")
-    dist = np.array(view.camera.distortion) if any(view.camera.distortion) else None
-    tags = detect_markers(view.grey, K=view.camera.K, pose_only=False, dist=dist)
+    printed(view, "coded_rings")
+    tags = detect_markers(straight(view), K=view.camera.K, pose_only=False)
     return [_found(tag, view.diameter_m / 2) for tag in tags]
 
 
-def _found(tag: dict, radius_m: float) -> Found:
+def _found(tag: dict[str, Any], radius_m: float) -> Found:
     # Its lengths are in outer radii, and its Z may point into the print: ours points out of it, to the camera.
     centre_m = radius_m * np.asarray(tag["t"])
     axis = np.asarray(tag["R"])[:, 2] / np.linalg.norm(np.asarray(tag["R"])[:, 2])
@@ -23,4 +26,6 @@ def _found(tag: dict, radius_m: float) -> Found:
     # cv2.fitEllipse has the full axes, in either order, and the angle of the first.
     (x, y), (first, second), angle = tag["center"], tag["axes"], tag["angle"]
     a, b = max(first, second) / 2, min(first, second) / 2
-    return Found(poses=[(normal, centre_m)], ellipse=[x, y, a, b, (angle if first >= second else angle + 90) % 180])
+    ellipse = [x, y, a, b, (angle if first >= second else angle + 90) % 180]
+    identity = tag.get("id")
+    return Found(poses=[(normal, centre_m)], ellipse=ellipse, identity=None if identity is None else int(identity))
