@@ -1,4 +1,7 @@
-"""pycalib-simple: the closed form of Chen 2004, `solve_circle_3d`, on ellipses of OpenCV's EdgeDrawing."""
+"""pycalib-simple: the closed form of Chen 2004, `solve_circle_3d`, on algebraic fits of Roundel's edge points.
+
+The program has no detector; its users take `cv2.fitEllipse`, and `direct` (Halir and Flusser) is the same kind of fit.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ def find(view: View) -> list[Found]:
     if fx != fy:
         raise MethodFailure("its closed form knows square pixels only")
     out = []
-    for circle in circles_of_view(view, "edgedrawing"):
+    for circle in circles_of_view(view, "direct"):
         x, y, a, b, angle = (float(v) for v in circle.ellipse)
         centres, normals = solve_circle_3d(view.camera.K, ((x, y), (2 * a, 2 * b), angle), radius=view.diameter_m / 2)
         poses = [_toward(n, c) for n, c in zip(np.reshape(normals, (-1, 3)), np.reshape(centres, (-1, 3)), strict=True)]

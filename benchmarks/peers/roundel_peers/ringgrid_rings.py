@@ -19,12 +19,12 @@ def find(view: View) -> list[Found]:
     layout = marker["layout"]
     if len(layout["code"]) != 1 or len(layout["code"][0]) != SECTORS or "hole" not in layout:
         raise MethodFailure("it reads one ring of 16 cells between two rings; the printed rings are others")
-    image = straight(view)
-    result = _detector(layout, min(image.shape)).detect(image)
+    # A single marker of unknown size: its search over sizes, which `detect` leaves to the user.
+    result = _detector(layout).detect_adaptive(straight(view))
     return [_found(one) for one in result.detected_markers if one.ellipse_outer is not None]
 
 
-def _detector(layout: dict[str, Any], size_px: int) -> ringgrid.Detector:
+def _detector(layout: dict[str, Any]) -> ringgrid.Detector:
     """A detector of single rings: no board, so nothing is inferred from neighbours."""
     outer = 10.0  # mm; only ratios matter
     width = outer * (1 - layout["ring_from"])
@@ -33,7 +33,6 @@ def _detector(layout: dict[str, Any], size_px: int) -> ringgrid.Detector:
     # As many places as the codebook has identities: it accepts only identities of its layout.
     lattice = ringgrid.RectGeometry(19, 47, 3 * outer)
     config = ringgrid.DetectConfig(ringgrid.TargetLayout("single", lattice, geometry, coding))
-    config.marker_scale = ringgrid.MarkerScalePrior(14.0, 0.9 * size_px)
     config.use_global_filter = config.completion_enable = False
     correction = config.id_correction
     correction.enable = False

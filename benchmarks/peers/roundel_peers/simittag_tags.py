@@ -27,5 +27,6 @@ def _found(tag: dict[str, Any], radius_m: float) -> Found:
     (x, y), (first, second), angle = tag["center"], tag["axes"], tag["angle"]
     a, b = max(first, second) / 2, min(first, second) / 2
     ellipse = [x, y, a, b, (angle if first >= second else angle + 90) % 180]
-    identity = tag.get("id")
-    return Found(poses=[(normal, centre_m)], ellipse=ellipse, identity=None if identity is None else int(identity))
+    # A tag's value may also be a text.
+    identity = tag["value"] if isinstance(tag["value"], int) else None
+    return Found(poses=[(normal, centre_m)], ellipse=ellipse, identity=identity)

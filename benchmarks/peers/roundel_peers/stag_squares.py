@@ -24,5 +24,7 @@ def find(view: View) -> list[Found]:
         poses = plane_poses(plane_points(points, pixels, view.camera), square=True)
         # It returns corners alone; the better of the two poses is what cv2.solvePnP would give.
         found = [(pose.normal, pose.centre_m) for pose in poses]
-        out.append(Found(poses=found, chosen=0 if found else None, centre_px=pixels.mean(axis=0), identity=int(identity)))
+        out.append(
+            Found(poses=found, chosen=0 if found else None, centre_px=pixels.mean(axis=0), identity=int(identity))
+        )
     return out

@@ -1,12 +1,9 @@
 """Third-party methods: found by entry point, called with a copy of a solver's inputs, checked, and scored."""
 
 import csv
-import importlib.util
 import json
-import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +22,7 @@ from roundel.solver.photos.photographs import solve_photographs
 from roundel.solver.pose.circle_pose import poses_from_conic
 
 HOUSE = Path(__file__).resolve().parents[3]
-EXAMPLE = HOUSE / "docs" / "roundel_simittag"
+EXAMPLE = HOUSE / "benchmarks" / "peers"
 PEERS = HOUSE / ".bench-peers"
 
 IMAGES = """\
@@ -309,26 +306,15 @@ def test_candidates_come_in_the_order_of_the_conventions():
         assert checked.chosen == order[0]
 
 
-def test_the_example_is_an_example():
-    """docs/roundel_simittag: its entry point names what it holds."""
-    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["roundel.methods"] == {"simittag": "roundel_simittag:find"}
-    assert "def find(view: View)" in (EXAMPLE / "roundel_simittag.py").read_text()
-
-
 @pytest.mark.skipif(
-    importlib.util.find_spec("simittag") is None and not (PEERS / "simittag").is_dir(),
+    not (PEERS / "roundel_peers").is_dir() or not (PEERS / "simittag").is_dir(),
     reason="simittag is not installed (make peers-env)",
 )
 def test_simittag_decodes_its_own_tags_and_is_scored(tmp_path):
     """In a process of its own, as a user runs it: simittag and its companions stay out of this one."""
     folder = make_dataset(tmp_path / "ds", TAG).path
-    site = tmp_path / "site"
-    points = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]["entry-points"]["roundel.methods"]
-    install(site, "roundel_simittag", "", points)
-    shutil.copy(EXAMPLE / "roundel_simittag.py", site)
     script = (
-        f"import sys\nsys.path[:0] = [{str(site)!r}]\nsys.path += [{str(PEERS)!r}]\n"
+        f"import sys\nsys.path[:0] = [{str(EXAMPLE)!r}]\nsys.path += [{str(PEERS)!r}]\n"
         "from roundel.cli.main import main\n"
         f"code = main(['solve', {str(folder)!r}, 'est', '--method', 'simittag', '--intrinsics', 'true'])\n"
         f"sys.exit(code or main(['validate', {str(folder)!r}, 'est', '--out', 'report']))\n"
