@@ -102,7 +102,9 @@ def opencv_calibration(found: list[tuple[Array, Array]], size: tuple[int, int]) 
     _, k, distortion, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
         points, pixels, size, none, none, flags=cv2.CALIB_FIX_K3
     )
-    return Camera(*size, np.asarray(k, dtype=np.float64), tuple(np.ravel(distortion)[:4].tolist())), np.ravel(sigmas)[:8]
+    return Camera(*size, np.asarray(k, dtype=np.float64), tuple(np.ravel(distortion)[:4].tolist())), np.ravel(sigmas)[
+        :8
+    ]
 
 
 def values_of(camera: Camera) -> Array:

@@ -100,7 +100,9 @@ def centre_by_cuts(image: LightImage, conic: Array) -> Array | None:
     """Image of the centre, (2,): where rectified cuts from the centre to the rim agree best; None if they never do."""
     turn = np.arange(_CUTS) * (2 * np.pi / _CUTS)
     radius = (np.arange(_STEPS) + 0.5) / _STEPS
-    plane = np.stack([np.outer(radius, np.cos(turn)), np.outer(radius, np.sin(turn)), np.ones((_STEPS, _CUTS))], axis=-1)
+    plane = np.stack(
+        [np.outer(radius, np.cos(turn)), np.outer(radius, np.sin(turn)), np.ones((_STEPS, _CUTS))], axis=-1
+    )
     middle = homography_of(conic, _middle(conic))
 
     def disagreement(w: Array) -> Array:
@@ -116,9 +118,7 @@ def centre_by_cuts(image: LightImage, conic: Array) -> Array | None:
     w = np.array(tried[int(np.nanargmin(costs))])
     left = disagreement(w)
     for _ in range(_ROUNDS):
-        jacobian = np.stack(
-            [(disagreement(w + d) - disagreement(w - d)) / 0.01 for d in 0.005 * np.eye(2)], axis=1
-        )
+        jacobian = np.stack([(disagreement(w + d) - disagreement(w - d)) / 0.01 for d in 0.005 * np.eye(2)], axis=1)
         step = np.clip(-np.linalg.lstsq(jacobian, left, rcond=None)[0], -0.03, 0.03)
         while np.abs(step).max() > 1e-5:
             ahead = disagreement(w + step) if np.hypot(*(w + step)) < 0.5 else np.full_like(left, np.inf)

@@ -94,7 +94,9 @@ def expected_prints(view: View) -> list[Expected]:
         if shapes:
             return [_print(shapes, None)]
     printed = ", ".join(sorted({str(marker["kind"]) for marker in view.markers})) or "not described"
-    raise MethodFailure(f"it reads {', '.join(KINDS)}; the printed marker is {printed}, with no print inside its circle")
+    raise MethodFailure(
+        f"it reads {', '.join(KINDS)}; the printed marker is {printed}, with no print inside its circle"
+    )
 
 
 def _rings(radii: tuple[float, ...]) -> list[tuple[Shape, float]]:
