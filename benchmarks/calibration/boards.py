@@ -27,7 +27,6 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from roundel.datasets.dataset import open_dataset
 from roundel.datasets.layout.images import Images

@@ -7,29 +7,16 @@ chen2004: Chen: focal length, normal and centres from two or more coplanar circl
     length
 chessboard: The chessboard, which the paper takes as its reference, as a method: pose and focal length from one view
     of a board
-circles_of_view: Circles of a view, as conics with covariance: what methods of several circles start from
-disc_coverage: How much of each pixel the image of a printed disc covers, with derivatives, in closed form or by
-    quadrature
-disc_pattern: A print of discs under a homography, predicted and fitted at the pixels
-dual_circular_points: Identities between a circle's image, its centre, the vanishing line, the circular points and
-    the focal length
 fiala2010: Square tags with a binary code: Fiala, Designing Highly Reliable Fiducial Markers (2010), by OpenCV's
     ArUco module
 gurdjos2006: Gurdjos: two or more parallel circles give the image of the circular points, by the pencils of their
     conics
-homography_pose: Pose and focal length of a printed plane from a measured homography with covariance
 huang2015: Huang: common self-polar triangles of two concentric circles in three or more views give the calibration
     matrix
-ink_blobs: Dark blobs of an image with the moments of their ink: the dots that a coded marker may have
 kim2005: Kim: two concentric circles give the image of their centre, the vanishing line, and the focal length
-marker_pixels: The pixels of one marker in a view, and the pose and focal length of its fitted print as a `Found`
 opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
     would write them
 pagani2011: A known print tells which of the two poses of a circle is the true one
-plane_marker: A detection from the corners of a flat marker: both poses, and the focal length measured from this
-    view alone
-plane_of_view: From the circles of a view to its answers: which are printed, the focal length of their plane, a pose
-    of each
 pollefeys1999: Pollefeys: three or more views give the calibration of each by the absolute dual quadric
 szpak2015: Szpak: an ellipse that is one by construction, with its covariance and the confidence band of its contour
 wu2004: Wu: both normals of a circle's plane from its image and a known camera; two circles of one view choose

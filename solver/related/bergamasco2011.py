@@ -34,12 +34,12 @@ from roundel.scenes.markers.dot_codes import (
     inked_places,
 )
 from roundel.solver.methods.plugin import Found, MethodFailure, View
-from roundel.solver.related.circles_of_view import require_kind
-from roundel.solver.related.disc_coverage import coverage_of
-from roundel.solver.related.disc_pattern import Pixels, fit_pattern, levels_columns
-from roundel.solver.related.homography_pose import MeasuredHomography, moved
-from roundel.solver.related.ink_blobs import Blobs, ink_blobs
-from roundel.solver.related.marker_pixels import (
+from roundel.solver.views.circles_of_view import require_kind
+from roundel.solver.views.disc_coverage import coverage_of
+from roundel.solver.views.disc_pattern import Pixels, fit_pattern, levels_columns
+from roundel.solver.views.homography_pose import MeasuredHomography, moved
+from roundel.solver.views.ink_blobs import Blobs, ink_blobs
+from roundel.solver.views.marker_pixels import (
     LightImage,
     conic_of_homography,
     found_of,

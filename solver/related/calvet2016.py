@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from roundel.scenes.markers.ring_codes import CELLS, ring_code_radii, ring_code_words
 from roundel.solver.methods.plugin import Found, MethodFailure, View
-from roundel.solver.related.circles_of_view import circles_of_view, require_kind
-from roundel.solver.related.disc_coverage import coverage_of
-from roundel.solver.related.disc_pattern import PatternFit, Pixels, fit_pattern, unexplained
-from roundel.solver.related.homography_pose import homography_of
-from roundel.solver.related.marker_pixels import (
+from roundel.solver.views.circles_of_view import circles_of_view, require_kind
+from roundel.solver.views.disc_coverage import coverage_of
+from roundel.solver.views.disc_pattern import PatternFit, Pixels, fit_pattern, unexplained
+from roundel.solver.views.homography_pose import homography_of
+from roundel.solver.views.marker_pixels import (
     LightImage,
     conic_of_homography,
     found_of,
@@ -58,7 +58,7 @@ class RingReading:
 
 
 def vanishing_line_of(conic: Array, centre_px: Array) -> Array:
-    """v ~ C o, the polar of the centre's image: (3,), unit norm."""
+    """V ~ C o, the polar of the centre's image: (3,), unit norm."""
     line = conic @ np.array([centre_px[0], centre_px[1], 1.0])
     return np.asarray(line / np.linalg.norm(line))
 

@@ -30,7 +30,7 @@ from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
-from roundel.solver.related.plane_of_view import (
+from roundel.solver.views.plane_of_view import (
     focal_of_fit,
     founds_in_plane,
     measurements,

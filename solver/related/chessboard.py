@@ -13,8 +13,8 @@ from roundel.scenes.errors import DataError
 from roundel.solver.detect.chessboard_corners import board_points_m, detect_corners, layout_of
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.plane_pose import plane_points, plane_poses, refined_pose
-from roundel.solver.related.circles_of_view import require_kind
-from roundel.solver.related.plane_marker import found_plane
+from roundel.solver.views.circles_of_view import require_kind
+from roundel.solver.views.plane_marker import found_plane
 
 # Variance of a corner's coordinate on a clean render, px^2: the residuals of a board may be smaller by chance.
 FLOOR_PX2 = 0.01**2

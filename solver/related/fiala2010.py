@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from roundel.solver.detect.quad_edges import QuadCorners, refine_quad
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.photometry.image_levels import grey_levels
-from roundel.solver.related.circles_of_view import require_kind
-from roundel.solver.related.plane_marker import found_plane
+from roundel.solver.views.circles_of_view import require_kind
+from roundel.solver.views.plane_marker import found_plane
 
 Array = NDArray[np.float64]
 

@@ -33,13 +33,13 @@ from numpy.typing import ArrayLike, NDArray
 from roundel.scenes.geometry.conic import conic_of_ellipse, ellipse_of_conic
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal, log_focal_sigma
-from roundel.solver.related.dual_circular_points import (
+from roundel.solver.views.dual_circular_points import (
     dual_circular_points,
     focal_from_dual,
     image_frame,
     moved_conic,
 )
-from roundel.solver.related.plane_of_view import (
+from roundel.solver.views.plane_of_view import (
     LARGEST_SIGMA,
     founds_in_plane,
     measurements,

@@ -31,9 +31,9 @@ from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.coplanar_circles import fit_coplanar
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal, profiled_focal
-from roundel.solver.related.circles_of_view import CircleImage, circles_of_view, require_kind
 from roundel.solver.related.kim2005 import concentric_pair, measured_pair
-from roundel.solver.related.plane_of_view import LARGEST_SIGMA, founds_in_plane, measurements, refuse_misfit
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind
+from roundel.solver.views.plane_of_view import LARGEST_SIGMA, founds_in_plane, measurements, refuse_misfit
 
 Array = NDArray[np.float64]
 

@@ -29,8 +29,8 @@ from roundel.scenes.geometry.conic import conic_of_ellipse, ellipse_of_conic
 from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
-from roundel.solver.related.circles_of_view import CircleImage, circles_of_view, require_kind
-from roundel.solver.related.dual_circular_points import (
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind
+from roundel.solver.views.dual_circular_points import (
     dual_circular_points,
     focal_from_dual,
     image_frame,
@@ -38,7 +38,7 @@ from roundel.solver.related.dual_circular_points import (
     moved_conic,
     normal_from_line,
 )
-from roundel.solver.related.plane_of_view import focal_of_fit, founds_in_plane, measurements, refuse_misfit
+from roundel.solver.views.plane_of_view import focal_of_fit, founds_in_plane, measurements, refuse_misfit
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ from roundel.scenes.markers.marker import Bar, Disc, Sectors, Shape
 from roundel.scenes.markers.ring_codes import ring_code_radii, ring_code_widths
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.circle_pose import poses_from_ellipse
-from roundel.solver.related.circles_of_view import CircleImage, circles_of_view
-from roundel.solver.related.marker_pixels import LightImage, light_image
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view
+from roundel.solver.views.marker_pixels import LightImage, light_image
 
 Array = NDArray[np.float64]
 

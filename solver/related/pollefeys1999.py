@@ -36,9 +36,9 @@ from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal, profiled_focal
 from roundel.solver.pose.plane_homography import PlaneHomography, fit_homography
-from roundel.solver.related.circles_of_view import CircleImage, circles_of_view
-from roundel.solver.related.dual_circular_points import image_frame
-from roundel.solver.related.plane_of_view import LARGEST_SIGMA, camera_of, measurements, refuse_misfit
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view
+from roundel.solver.views.dual_circular_points import image_frame
+from roundel.solver.views.plane_of_view import LARGEST_SIGMA, camera_of, measurements, refuse_misfit
 
 Array = NDArray[np.float64]
 

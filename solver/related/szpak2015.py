@@ -25,7 +25,7 @@ from scipy.stats import chi2
 
 from roundel.solver.fit.ellipse import EllipseFit, shape_of_ellipse
 from roundel.solver.methods.plugin import Found, View
-from roundel.solver.related.circles_of_view import circles_of_view, require_kind
+from roundel.solver.views.circles_of_view import circles_of_view, require_kind
 
 Array = NDArray[np.float64]
 

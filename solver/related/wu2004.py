@@ -29,7 +29,7 @@ from roundel.scenes.geometry.conic import ellipse_of_conic
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.pose.circle_pose import CirclePoses, poses_from_ellipse
-from roundel.solver.related.circles_of_view import circles_of_view, require_kind
+from roundel.solver.views.circles_of_view import circles_of_view, require_kind
 
 Array = NDArray[np.float64]
 

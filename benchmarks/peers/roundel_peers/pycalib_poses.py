@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 
 from roundel.solver.methods.plugin import Found, MethodFailure, View
-from roundel.solver.related.circles_of_view import circles_of_view
+from roundel.solver.views.circles_of_view import circles_of_view
 from roundel_peers.frames import pinhole
 
 

@@ -17,7 +17,7 @@ from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal
 from roundel.solver.pose.plane_homography import PlaneHomography
-from roundel.solver.related.circles_of_view import CircleImage, circles_of_view, with_focal
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, with_focal
 
 Array = NDArray[np.float64]
 

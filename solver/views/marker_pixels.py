@@ -14,9 +14,9 @@ from roundel.scenes.geometry.conic import ellipse_of_conic
 from roundel.solver.detect.grey_image import noise_dn
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.photometry.image_levels import grey_levels
-from roundel.solver.related.circles_of_view import with_focal
-from roundel.solver.related.disc_pattern import Pixels
-from roundel.solver.related.homography_pose import (
+from roundel.solver.views.circles_of_view import with_focal
+from roundel.solver.views.disc_pattern import Pixels
+from roundel.solver.views.homography_pose import (
     FocalMeasurement,
     MeasuredHomography,
     PlanePose,

@@ -10,7 +10,7 @@ from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.pose.plane_focal import PlaneFocal, focal_from_plane
 from roundel.solver.pose.plane_pose import PlanePose, plane_points, plane_poses
-from roundel.solver.related.circles_of_view import with_focal
+from roundel.solver.views.circles_of_view import with_focal
 
 Array = NDArray[np.float64]
 

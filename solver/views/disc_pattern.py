@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.related.disc_coverage import coverage_of
-from roundel.solver.related.homography_pose import MeasuredHomography, moved
+from roundel.solver.views.disc_coverage import coverage_of
+from roundel.solver.views.homography_pose import MeasuredHomography, moved
 
 Array = NDArray[np.float64]
 

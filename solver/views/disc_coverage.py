@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE, curved_distance, step_response
-from roundel.solver.related.homography_pose import GENERATORS
+from roundel.solver.views.homography_pose import GENERATORS
 
 Array = NDArray[np.float64]
 
