@@ -122,6 +122,9 @@ class CodedRingsSection(_Print):
     code_from: Fraction = Field(default=0.30, description="inner radius of the code cells, in outer radii")
     code_to: Fraction = Field(default=0.78, description="outer radius of the code cells, in outer radii")
     ring_from: Fraction = Field(default=0.86, description="inner radius of the outer ring, in outer radii")
+    id: Identity | None = Field(
+        default=None, description="identity that a reader of the code reports, if it is to be scored"
+    )
 
 
 class RingCodeSection(_Print):

@@ -90,6 +90,8 @@ def _coded_rings(section: sections.CodedRingsSection, ink: float, paper: float) 
     shapes: list[Shape] = [Disc(0.0, 0.0, outer, ink), Disc(0.0, 0.0, ring, paper), code, Disc(0.0, 0.0, disc, ink)]
     layout: dict[str, Any] = dict(zip(("disc", "code_from", "code_to", "ring_from"), shares[:-1], strict=True))
     layout["code"] = list(section.code)
+    if section.id is not None:
+        layout["id"] = int(section.id)
     widths = [disc - outer * hole, outer - ring, inner - disc, ring - last, code.ring_m, 2 * np.pi * inner / sectors]
     if hole > 0:
         shapes.append(Disc(0.0, 0.0, outer * hole, paper))

@@ -46,6 +46,13 @@ CATALOGUE: tuple[Listed, ...] = (
         "a grid of dots by cv2.findCirclesGrid",
         "centres",
     ),
+    Listed(
+        "circle_grid_pose",
+        "roundel.solver.related.opencv_centres:circle_grid_pose",
+        ("circle_grid",),
+        "a grid of dots by cv2.findCirclesGrid and cv2.solvePnP",
+        "pose",
+    ),
     _related(
         "wu2004",
         "disc ring rings coded_rings two_discs dot_ring",

@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.solver.methods.plugin import Found, View
+from roundel.scenes.camera.model import undistort_px
+from roundel.scenes.markers.circle_grid import circle_grid_centres_m
+from roundel.solver.methods.plugin import Found, MethodFailure, View
 
 
 def _detector(grey: NDArray[np.uint8]) -> cv2.SimpleBlobDetector:
@@ -40,6 +42,31 @@ def circles_grid(view: View) -> list[Found]:
         if found:
             out += [Found(centre_px=centre) for centre in np.reshape(centres, (-1, 2))]
     return out
+
+
+def circle_grid_pose(view: View) -> list[Found]:
+    """Pose of a `circle_grid` by `cv2.findCirclesGrid` and `cv2.solvePnP`: blobs are taken as images of the centres."""
+    grids = [m for m in view.markers if m["kind"] == "circle_grid"]
+    if not grids:
+        printed = ", ".join(sorted({str(m["kind"]) for m in view.markers})) or "unknown"
+        raise MethodFailure(f"it reads circle_grid; the printed marker is {printed}")
+    layout = grids[0]["layout"]
+    asymmetric = layout["layout"] == "asymmetric"
+    grey, flag = view.grey, cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+    found, centres = cv2.findCirclesGrid(
+        grey, (layout["columns"], layout["rows"]), flags=flag, blobDetector=_detector(grey)
+    )
+    if not found:
+        return []
+    plane = circle_grid_centres_m(layout["columns"], layout["rows"], layout["spacing_m"], asymmetric)
+    points = undistort_px(view.camera, np.reshape(centres, (-1, 2)).astype(np.float64))
+    ok, rotation, translation = cv2.solvePnP(np.pad(plane, ((0, 0), (0, 1))), points, view.camera.K, None)
+    if not ok:
+        return []
+    normal = cv2.Rodrigues(rotation)[0][:, 2]
+    # A symmetric grid reads the same upside down, which is the same plane seen from the same side.
+    centre = translation[:, 0]
+    return [Found(poses=[(normal, centre)])] if normal @ centre < 0 else []
 
 
 def _is_grid(layout: object) -> bool:

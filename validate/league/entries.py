@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # The variants of configs/league.yaml with a circle that Roundel's own methods find.
-CIRCLES = ("disc", "ring", "coded_rings", "ring_code")
+CIRCLES = ("disc", "ring", "coded_rings", "ring_code", "ringgrid")
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("szpak2015", "szpak2015", ("disc",), "guaranteed ellipse fit"),
     Entry("pollefeys1999", "pollefeys1999", ("dot_ring",), "absolute dual quadric of several views"),
     Entry("chessboard", "chessboard", ("chessboard",), "findChessboardCornersSB and solvePnP"),
-    Entry("circles_grid", "circles_grid", ("circle_grid",), "cv2.findCirclesGrid, centres"),
+    Entry("circle_grid_pose", "circle_grid_pose", ("circle_grid",), "cv2.findCirclesGrid and solvePnP"),
     Entry("simittag", "simittag", ("coded_rings",), "living program: coded rings"),
     Entry("pupil_apriltags", "pupil_apriltags", ("apriltag",), "living program: AprilTag 3"),
     Entry("ringgrid", "ringgrid", ("ringgrid",), "living program: coded ring boards"),
