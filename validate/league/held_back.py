@@ -24,7 +24,7 @@ from roundel.datasets.layout import files
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.league.outcomes import IDENTITIES
+from roundel.validate.scores.readings import IDENTITIES
 
 SALT, COMMITMENT = "salt.txt", "truth_salted_sha256"
 _IDENTITY = "identity.json"

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from roundel.datasets.dataset import Dataset
-from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, FILM_DIAGONAL_MM
-from roundel.scenes.camera.focal_fusion import fused_focal_px
 from roundel.scenes.camera.model import Camera
 from roundel.validate.estimates.runs import Run
+from roundel.validate.metrics.focal_errors import focal_errors
 from roundel.validate.metrics.pose_errors import normal_error_deg
+from roundel.validate.scores.readings import identity_of
 
 Array = NDArray[np.float64]
 
@@ -27,11 +27,6 @@ Array = NDArray[np.float64]
 GATE_PX, GATE_FRACTION = 3.0, 0.25
 
 _NO_ROW, _ELSEWHERE = "there is no row for this frame", "the detections are elsewhere in the image"
-
-# Keys of a layout that hold the identity of a single marker.
-IDENTITIES = ("id", "first_id")
-
-DEFAULT_SIGMA = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
 
 OUTCOMES = pa.schema(
     [
@@ -110,15 +105,6 @@ def _radius_px(x: object, y: object) -> float:
     return float(np.sqrt(abs(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2 / np.pi))
 
 
-def identity_of(marker: dict[str, object]) -> int | None:
-    """The identity of a printed marker; None if it has none."""
-    layout = marker["layout"]
-    assert isinstance(layout, dict)
-    single = layout.get("columns", 1) == layout.get("rows", 1) == 1
-    found = next((layout[key] for key in IDENTITIES if key in layout), None) if single else None
-    return None if found is None else int(found)
-
-
 def outcomes_of(
     entry: str,
     variants: tuple[str, ...],
@@ -161,16 +147,18 @@ def _outcome(run: Run, rows: NDArray[np.int64], shown: FrameTruth) -> dict[str, 
     found = list(detections.values())
     part, mine = _assigned(run, found, shown)
     false = len(found) - len(mine)
-    prior_px = DEFAULT_FOCAL_35MM_MM * float(np.hypot(shown.camera.width_px, shown.camera.height_px)) / FILM_DIAGONAL_MM
     out: dict[str, object] = {"found": bool(mine), "false_detections": false}
-    out["prior_focal_error_pct"] = _percent(prior_px, shown.camera.K[0, 0])
+    row = found[mine[0]][0] if mine else -1
+    measured = (float(run.focal_px[row]), float(run.focal_sigma_px[row])) if mine else (np.nan, np.nan)
+    focal = focal_errors(*measured, shown.camera)
+    for name, value in (("", focal.measured), ("fused_", focal.fused), ("prior_", focal.prior)):
+        out[f"{name}focal_error_pct"] = value if np.isfinite(value) else None
     if not mine:
         reasons = [run.reason[row] for row in rows.tolist() if run.reason[row]]
         return out | {"reason": reasons[0] if reasons else _NO_ROW if not len(rows) else _ELSEWHERE}
     candidates = np.array(found[mine[0]])
     out |= _pose_errors(run, candidates, shown, part)
-    out |= _focal_errors(run, int(candidates[0]), prior_px, shown)
-    identity = run.identity[candidates[0]]
+    identity = run.identity[row]
     if shown.identity is not None:
         out["identity_read"] = bool(np.isfinite(identity))
         out["identity_correct"] = bool(identity == shown.identity) if np.isfinite(identity) else None
@@ -211,17 +199,3 @@ def _pose_errors(run: Run, rows: NDArray[np.int64], shown: FrameTruth, part: int
         out["chosen_normal_error_deg"] = float(error[chosen[0]])
         out["branch_correct"] = bool(chosen[0] == better)
     return out
-
-
-def _focal_errors(run: Run, row: int, prior_px: float, shown: FrameTruth) -> dict[str, object]:
-    focal, sigma, true = float(run.focal_px[row]), float(run.focal_sigma_px[row]), float(shown.camera.K[0, 0])
-    if not np.isfinite(focal):
-        return {}
-    out: dict[str, object] = {"focal_error_pct": _percent(focal, true)}
-    if np.isfinite(sigma):
-        out["fused_focal_error_pct"] = _percent(fused_focal_px(prior_px, DEFAULT_SIGMA, focal, sigma)[0], true)
-    return out
-
-
-def _percent(value: float, true: float) -> float:
-    return float(100 * abs(value / true - 1))

@@ -28,8 +28,8 @@ class Metric:
         Displayed name and unit.
     frame, definition, source : str
         The frame in which it is measured, its definition, and the source of the definition.
-    of : {"pose", "ellipse"}
-        The measured object; both candidates share the ellipse.
+    of : {"pose", "ellipse", "image"}
+        The measured object; both candidates share the ellipse, and what is measured from the image as a whole.
     signed : bool
         Whether it may be negative.
     shown_unit, shown_scale : str, float
@@ -239,6 +239,24 @@ CONTOUR = Metric(
     of="ellipse",
     bound="ellipse_centre_bound_px",
 )
+FOCAL = Metric(
+    "focal_error_pct",
+    "Focal length",
+    "%",
+    "camera",
+    "Magnitude of the relative error of the focal length that the method measured from the image alone.",
+    _OWN,
+    of="image",
+)
+FUSED_FOCAL = Metric(
+    "fused_focal_error_pct",
+    "Fused focal length",
+    "%",
+    "camera",
+    "The same after fusion with the default phone's prior (11.5 %), by the inverse variances of log f.",
+    _OWN,
+    of="image",
+)
 METRICS: tuple[Metric, ...] = (
     NORMAL,
     POSITION_M,
@@ -253,6 +271,8 @@ METRICS: tuple[Metric, ...] = (
     MSPD,
     ELLIPSE_CENTRE,
     CONTOUR,
+    FOCAL,
+    FUSED_FOCAL,
 )
 
 # The shift of the ellipse's centre, which the gate checks: it shows a convention that is off by half a pixel.
@@ -276,4 +296,5 @@ HEADLINE: tuple[Metric, ...] = (NORMAL, POSITION, REPROJECTION)
 PAPER: tuple[Metric, ...] = (NORMAL, POSITION_D, REPROJECTION)
 
 POSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "pose")
+IMAGE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "image")
 ELLIPSE_METRICS: tuple[str, ...] = tuple(m.column for m in METRICS if m.of == "ellipse")

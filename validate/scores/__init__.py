@@ -2,6 +2,7 @@
 
 assignment: Assignment of detections to markers by nearest contour, or nearest centre, one to one
 comparisons: Paired comparisons of runs on the same circles, and the statistical power of a set of frames
+readings: What a method reads beside the pose, scored: a focal length measured from the image alone, and an identity
 run_statistics: Statistics of a run: errors with intervals over frames, rates, recall, errors over their bounds
 scores: Scores: one row for every true circle, method, intrinsics and reference, solved or not
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid

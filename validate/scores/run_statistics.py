@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from roundel.validate.metrics.metric import (
     ELLIPSE_CENTRE,
     ELLIPSE_METRICS,
+    IMAGE_METRICS,
     MSPD,
     MSSD,
     NORMAL,
@@ -140,15 +141,17 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
         [np.nan if b is None else float(b) for b in part["branch_correct"].to_pylist()], dtype=np.float64
     )
     decided = np.isfinite(correct)
+    read = part["identity_correct"].to_pylist()
     ratios = {metric.name: metric.over_bound(part) for metric in BOUNDED}
     names = {
         **{("oracle", name): column(part, f"oracle_{name}") for name in POSE_METRICS},
         **{("chosen", name): column(part, name) for name in POSE_METRICS},
         **{("ellipse", name): column(part, name) for name in ELLIPSE_METRICS},
+        **{("image", name): column(part, name) for name in IMAGE_METRICS},
         **{("efficiency", name): value for name, value in ratios.items()},
     }
     found = statistics_of({f"{a} {b}": value for (a, b), value in names.items()}, frame)
-    kinds: dict[str, dict[str, Statistics]] = {"oracle": {}, "chosen": {}, "ellipse": {}, "efficiency": {}}
+    kinds: dict[str, dict[str, Statistics]] = {"oracle": {}, "chosen": {}, "ellipse": {}, "image": {}, "efficiency": {}}
     for a, b in names:
         kinds[a][b] = found[f"{a} {b}"]
     return {
@@ -161,6 +164,8 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
         "branch_correct": int(np.nansum(correct)),
         "branch_interval": rate(correct[decided] > 0, frame[decided]),
         **kinds,
+        "identities_read": read.count(True) + read.count(False),
+        "identities_correct": read.count(True),
         "recall": recalls(part, width_px),
     }
 

@@ -27,6 +27,7 @@ from roundel.validate.metrics.pose_errors import (
 )
 from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
 from roundel.validate.scores.assignment import Match, groups_of, match
+from roundel.validate.scores.readings import READINGS, identity_of, with_readings
 
 Array = NDArray[np.float64]
 
@@ -60,6 +61,7 @@ SCORES_SCHEMA = pa.schema(
         *[(name, pa.float64()) for name in (*ELLIPSE_METRICS, *SIGNED)],
         *[(name, pa.float64()) for name in BOUNDS],
         ("branch_correct", pa.bool_()),
+        *READINGS.items(),
     ]
 )
 
@@ -130,14 +132,15 @@ def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | 
         If there is no circle to score.
     """
     tables, false, matched = [], [], {}
-    every = bounds_of(dataset, targets)
+    every, identities = bounds_of(dataset, targets), _identities(dataset)
     for run in runs:
         expected = np.flatnonzero(_expected(dataset, targets, run))
         mine, bounds = targets.take(expected), every.take(expected)
         found = match(mine, run)
         candidates = matched_candidates(found, run)
         matched[run.method, run.intrinsics] = mine, candidates
-        tables.append(score_rows(mine, candidates, found.reason, run.method, run.intrinsics, "truth", bounds))
+        scored = score_rows(mine, candidates, found.reason, run.method, run.intrinsics, "truth", bounds)
+        tables.append(with_readings(scored, run, found.rows, mine, identities))
         if board is not None:
             rows = _same_markers(mine, board)
             if len(rows):
@@ -181,6 +184,14 @@ def _expected(dataset: Dataset, targets: Targets, run: Run) -> NDArray[np.bool_]
     of_frame = dict(zip(dataset.images.frame_ids, dataset.images.groups, strict=True))
     touched = {of_frame[f] for f in np.unique(run.frame_id).tolist()}
     return np.isin(group, sorted(touched | set(asked)))
+
+
+def _identities(dataset: Dataset) -> dict[tuple[int, int], int]:
+    """Identities of the printed markers that have one, by frame_id and marker_id."""
+    images = dataset.images
+    every = ((f, m) for i, f in enumerate(images.frame_ids) for m in images.markers(i))
+    found = {(f, int(m["marker_id"])): identity_of(m) for f, m in every}
+    return {key: identity for key, identity in found.items() if identity is not None}
 
 
 def _same_markers(a: Targets, b: Targets) -> NDArray[np.int64]:
@@ -285,6 +296,7 @@ def score_rows(
             correct, mask=~is_chosen | ~solved | (single & np.isnan(targets.other_normal[:, 0]))
         ),
     }
+    data |= {name: [None] * n for name in READINGS}
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
 
 
