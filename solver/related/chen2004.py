@@ -43,8 +43,8 @@ Array = NDArray[np.float64]
 # Focal lengths that are searched, in units of the distance from the principal point to the farthest ellipse.
 _SHORTEST, _LONGEST = 0.12, 100.0
 _STEPS = 160
-_ZOOM = 20  # points of an interval that is narrowed
-_ROUNDS = 12  # each narrows it to a tenth
+_ZOOM = 80  # steps of an interval that is narrowed: calls cost more than poses
+_ROUNDS = 6  # each narrows it to a fortieth: to 1e-11 of log f
 _STEEPEST_DEG = 90.0  # fastest turn of a normal with log f: d tan = tan, so half a radian, for two normals
 _STARTS = 4  # minima of the search that are refined
 _FLAT = 1.05  # a focal length that is wrong by this factor must explain the circles worse

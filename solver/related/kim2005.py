@@ -99,15 +99,15 @@ def concentric_pair(outer: ArrayLike, inner: ArrayLike, tolerance: float = 1e-5)
     others = np.delete(values, odd)
     double = float(np.real(np.mean(others)))
     ratio2 = float(np.real(values[odd])) / double
-    if not ratio2 > 1.0 or second[2, 2] <= 0:
-        raise ValueError(
-            "the second circle is not inside the first: are the radii swapped? The outer circle has to come first"
-        )
     eccentricity = float(np.abs(others[0] - others[1]) / np.abs(double))
     if eccentricity > tolerance:
         raise ValueError(
             "the circles are not concentric: two eigenvalues of their pencil differ by "
             f"{eccentricity:.2g} of their size"
+        )
+    if not ratio2 > 1.0 or second[2, 2] <= 0:
+        raise ValueError(
+            "the second circle is not inside the first: are the radii swapped? The outer circle has to come first"
         )
     o = np.real(vectors[:, odd])
     if abs(o[2]) <= np.hypot(o[0], o[1]):

@@ -38,11 +38,12 @@ def circle_scene(
     distance: tuple[float, float] = (6.0, 25.0),
     focal_px: float | None = None,
     principal_point: tuple[float, float] | None = None,
+    off_axis_deg: float = 18.0,
 ) -> CircleScene:
     """A camera before circles with centres `offsets` (n, 2) in their plane, in units of the first one's diameter.
 
-    `distance` is in the same units. The first circle is up to 18 degrees off the axis of a camera of 1280x960 px whose
-    principal point is up to 30 px from the middle.
+    `distance` is in the same units. The first circle is up to `off_axis_deg` beside the axis, in x and in y, of a camera
+    of 1280x960 px whose principal point is up to 30 px from the middle.
     """
     radii, offsets = np.asarray(radii, dtype=np.float64), np.asarray(offsets, dtype=np.float64)
     f = generator.uniform(700.0, 2000.0) if focal_px is None else focal_px
@@ -51,7 +52,7 @@ def circle_scene(
     k = np.array([[f, 0.0, pp[0]], [0.0, f, pp[1]], [0.0, 0.0, 1.0]])
     normal = normal_of(generator.uniform(*tilt_deg), generator.uniform(-180, 180))
     unit_m = 2.0 * radii[0]
-    sight = np.append(np.tan(np.radians(generator.uniform(-18, 18, 2))), 1.0)
+    sight = np.append(np.tan(np.radians(generator.uniform(-off_axis_deg, off_axis_deg, 2))), 1.0)
     depth = generator.uniform(*distance) * unit_m
     first = camera_from_marker_of(normal, depth * sight, float(generator.uniform(-180, 180)))
     poses = np.repeat(first[None], len(radii), axis=0)
