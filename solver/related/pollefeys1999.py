@@ -49,7 +49,7 @@ _UNDETERMINED = 1e-8
 _PAIRS = [(i, j) for i in range(4) for j in range(i, 4)]
 
 
-def dual_quadric(projections: ArrayLike, principal_point: ArrayLike) -> Array:
+def dual_quadric(projections: ArrayLike, principal_point: ArrayLike, tolerance: float = 0.05) -> Array:
     """The absolute dual quadric of a projective reconstruction, for square pixels and a known principal point.
 
     Parameters
@@ -58,6 +58,8 @@ def dual_quadric(projections: ArrayLike, principal_point: ArrayLike) -> Array:
         Projection matrices of three views or more, each of any scale, in one projective frame.
     principal_point : (2,) array_like
         In pixels, of all views.
+    tolerance : float
+        Largest element of omega*, relative to the diagonal ones in its row and column, that should be zero.
 
     Returns
     -------
@@ -95,6 +97,14 @@ def dual_quadric(projections: ArrayLike, principal_point: ArrayLike) -> Array:
         )
     weights[0] = 0.0
     q = (axes * weights) @ axes.T
+    for dual in p @ q @ np.swapaxes(p, -1, -2):
+        flat, third = (dual[0, 0] + dual[1, 1]) / 2, dual[2, 2]
+        zeros = [(dual[0, 0] - dual[1, 1]) / 2, dual[0, 1], *(dual[:2, 2] * math.sqrt(flat / max(third, 1e-300)))]
+        if not (third > 0 and np.abs(zeros).max() <= tolerance * flat):
+            raise ValueError(
+                "no camera with square pixels and this principal point fits the views: the best leaves "
+                f"{np.abs(zeros).max() / flat:.2g} of the absolute conic"
+            )
     return np.asarray(q / np.linalg.norm(q))
 
 
@@ -105,8 +115,6 @@ def calibrations(projections: ArrayLike, principal_point: ArrayLike) -> Array:
     moved = image_frame(principal_point, _UNIT_PX) @ p
     dual = moved @ q @ np.swapaxes(moved, -1, -2)
     focal2 = (dual[:, 0, 0] + dual[:, 1, 1]) / (2.0 * dual[:, 2, 2])
-    if not np.all(focal2 > 0):
-        raise ValueError("no camera with square pixels fits the views: the square of a focal length is negative")
     k = np.zeros((len(p), 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = _UNIT_PX * np.sqrt(focal2)
     k[:, :2, 2], k[:, 2, 2] = np.asarray(principal_point, dtype=np.float64), 1.0

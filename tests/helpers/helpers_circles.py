@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.geometry.conic import conic_of_circle, vanishing_line
+from roundel.scenes.geometry.conic import (
+    conic_of_circle,
+    ellipse_of_conic,
+    ellipse_perimeter_px,
+    ellipse_points,
+    vanishing_line,
+)
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of
+from roundel.solver.fit.ellipse import EllipseFit, fit_ellipse
 
 Array = NDArray[np.float64]
 
@@ -42,8 +49,8 @@ def circle_scene(
 ) -> CircleScene:
     """A camera before circles with centres `offsets` (n, 2) in their plane, in units of the first one's diameter.
 
-    `distance` is in the same units. The first circle is up to `off_axis_deg` beside the axis, in x and in y, of a camera
-    of 1280x960 px whose principal point is up to 30 px from the middle.
+    `distance` is in the same units. The first circle is up to `off_axis_deg` beside the axis, in x and in y, of a
+    camera of 1280x960 px whose principal point is up to 30 px from the middle.
     """
     radii, offsets = np.asarray(radii, dtype=np.float64), np.asarray(offsets, dtype=np.float64)
     f = generator.uniform(700.0, 2000.0) if focal_px is None else focal_px
@@ -79,3 +86,18 @@ def scattered(generator: np.random.Generator, count: int, gap: float = 0.3) -> t
         if min(far) > gap:
             places.append(trial)
     return np.array(places), radii
+
+
+def noisy_ellipses(generator: np.random.Generator, scene: CircleScene, sigma_px: float) -> tuple[Array, Array]:
+    """Ellipses (n, 5) fitted to one noisy point a pixel of each contour, and their shapes' covariances (n, 5, 5).
+
+    The covariance is that of the known noise, not of the residuals.
+    """
+    ellipses, covs = [], []
+    for ellipse in ellipse_of_conic(scene.conics):
+        points = ellipse_points(ellipse, max(12, int(ellipse_perimeter_px(ellipse))))
+        fit = fit_ellipse(points + generator.normal(0.0, sigma_px, points.shape))
+        assert isinstance(fit, EllipseFit)
+        ellipses.append(fit.ellipse)
+        covs.append(fit.shape_cov * (sigma_px / fit.sigma_px) ** 2)
+    return np.array(ellipses), np.array(covs)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from helpers_circles import CircleScene
 from helpers_images import picture
 

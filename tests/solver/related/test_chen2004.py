@@ -114,7 +114,7 @@ def test_fewer_circles_than_two_are_refused():
 
 
 def test_discs_at_different_depths_are_refused():
-    """The second disc is nearer by a fifth, on a parallel sheet: its image is that of a larger disc of the same sheet."""
+    """The second disc is nearer by a fifth, on a parallel sheet, and looks like a larger disc of the same sheet."""
     scene = two_discs(11)
     scene.poses[1, :3, 3] *= 0.8
     scene.conics[1] = conic_of_circle(scene.poses[1], 0.02, scene.K)

@@ -9,7 +9,6 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
 from roundel.solver.related.wu2004 import both_poses, find, most_parallel
 
-
 IMAGE = {"principal_point": (319.5, 239.5), "off_axis_deg": 5.0}
 
 
@@ -69,9 +68,7 @@ def test_circles_that_are_not_parallel_are_refused():
 def test_it_finds_discs_in_an_image_and_chooses_between_two():
     generator = np.random.default_rng(4)
     offsets, radii = np.array([[0.0, 0.0], [1.5, 0.0]]), np.array([0.02, 0.02])
-    scene = circle_scene(
-        generator, offsets, radii, tilt_deg=(40, 40), distance=(12, 12), focal_px=700.0, **IMAGE
-    )
+    scene = circle_scene(generator, offsets, radii, tilt_deg=(40, 40), distance=(12, 12), focal_px=700.0, **IMAGE)
     found = find(view_of(scene, printed("disc", [0.04, 0.04])))
     assert len(found) == 2
     for one in found:
