@@ -13,7 +13,7 @@ from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
 PAIR = np.array([[0.0, 0.0], [1.5, 0.0]]), np.array([0.5, 0.5])
 RING = np.zeros((2, 2)), np.array([0.5, 0.25])
 PRIOR = 0.115
-# As `roundel.solver.related.plane_of_view`: beyond it a focal length is not stated.
+# As `roundel.solver.views.plane_of_view`: beyond it a focal length is not stated.
 LARGEST_SIGMA = 0.25
 
 

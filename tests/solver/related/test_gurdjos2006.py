@@ -8,8 +8,8 @@ from helpers_views import printed, view_of
 from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
-from roundel.solver.related.dual_circular_points import normal_from_line
 from roundel.solver.related.gurdjos2006 import circular_points_of_circles, find
+from roundel.solver.views.dual_circular_points import normal_from_line
 
 PAIR = np.array([[0.0, 0.0], [1.5, 0.0]]), np.array([0.02, 0.02])
 

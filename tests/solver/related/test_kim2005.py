@@ -8,8 +8,8 @@ from helpers_views import printed, view_of
 from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
-from roundel.solver.related.dual_circular_points import normal_from_line
 from roundel.solver.related.kim2005 import concentric_pair, find, focal_of_concentric
+from roundel.solver.views.dual_circular_points import normal_from_line
 
 CONCENTRIC = np.zeros((2, 2))
 IMAGE = {"focal_px": 700.0, "principal_point": (319.5, 239.5), "off_axis_deg": 5.0}

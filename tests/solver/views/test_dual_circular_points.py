@@ -5,7 +5,7 @@ import pytest
 from helpers_circles import circle_scene
 
 from roundel.scenes.geometry.pose import angle_deg
-from roundel.solver.related.dual_circular_points import (
+from roundel.solver.views.dual_circular_points import (
     centre_from_line,
     circular_points,
     dual_circular_points,
