@@ -1,11 +1,11 @@
 """Identities in dots on two rings, in the spirit of RUNE-Tag (Bergamasco et al. 2011), with a code of our own.
 
-Each of `SECTORS` = 11 sectors has a place for a dot on the outer ring and, half a sector further, one on the inner ring.
-At least one of them is inked, so that a sector holds a symbol of three: both dots, the outer one, the inner one. The
-words are those of the ternary Golay code of length 11 (Golay 1949), which is cyclic with generator polynomial
+Each of `SECTORS` = 11 sectors has a place for a dot on the outer ring and, half a sector further, one on the inner
+ring. At least one of them is inked, so that a sector holds a symbol of three: both dots, the outer one, the inner one.
+The words are those of the ternary Golay code of length 11 (Golay 1949), which is cyclic with generator polynomial
 x^5 + x^4 - x^3 + x^2 - 1 and has a least distance of 5 symbols. 11 is prime, so that every word except the three
-constant ones has 11 different rotations: any two words of different identities, and any two rotations of one word, differ
-in at least `LEAST_DISTANCE` = 5 sectors. A reader corrects two wrong sectors, or detects four.
+constant ones has 11 different rotations: any two words of different identities, and any two rotations of one word,
+differ in at least `LEAST_DISTANCE` = 5 sectors. A reader corrects two wrong sectors, or detects four.
 
 An identity is a class of rotations, represented by its least word. Kept are those with an outer dot in at least eight
 sectors and never three neighbouring ones without, so that the dots span the enclosing circle.

@@ -2,12 +2,12 @@
 
 Source: F. Bergamasco, A. Albarelli, E. Rodola, A. Torsello, RUNE-Tag: a high accuracy fiducial marker with strong
 occlusion resilience, CVPR (2011). The steps are theirs: ellipses of dots; every pair of them is a hypothesis of the
-ring's plane and rotation; the other dots vote; the cyclic code is decoded; the pose follows from the dots' centres. Code
-and print are `scenes.markers.dot_codes`.
+ring's plane and rotation; the other dots vote; the cyclic code is decoded; the pose follows from the dots' centres.
+Code and print are `scenes.markers.dot_codes`.
 
-A dot's moments give its image up to a rotation, and the moments of all dots that of the plane (weak perspective); in the
-plane two dots that are k sectors apart on the outer ring determine its centre, size and rotation. The homography of the
-best hypotheses is then refined with the dots that fit.
+A dot's moments give its image up to a rotation, and the moments of all dots that of the plane (weak perspective); in
+the plane two dots that are k sectors apart on the outer ring determine its centre, size and rotation. The homography of
+the best hypotheses is then refined with the dots that fit.
 
 The image of a dot's centre is not the centre of its ellipse: `homography_of_dots` compares the measured centres with
 those of the ellipses that it predicts. Once the code is read, homography, blur and levels are fitted to all pixels of
@@ -24,14 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.markers.dot_codes import (
+    BOTH,
+    INNER,
     LEAST_DISTANCE,
+    OUTER,
     OUTER_DOT,
     OUTER_RING,
     SECTORS,
     dot_code_words,
     dot_places,
     dots_of,
-    inked_places,
 )
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.views.circles_of_view import require_kind
@@ -54,12 +56,14 @@ KINDS = ("dot_code",)
 _FEWEST_DOTS = 11
 _NEAR = 0.13  # outer radii: less than half the distance between two places
 _HYPOTHESES = 12
+_ALIKE = 0.1  # distance of two centres, outer radii
 _REACH = 1.1
 _ROUNDS = 12
 _SETTLED, _ROUGHLY = 1e-10, 1e-3
 _PRESENT = 0.5  # of the contrast between ink and paper
 _UNSURE = 0.12  # around it a place is an erasure
-# Twice the errors plus the erasures; below the distance 5 of the code the nearest word is unique, up to 2 almost surely right.
+# Twice the errors plus the erasures; below the
+# distance 5 of the code the nearest word is unique; up to 2 it is almost surely right.
 _MOST_DAMAGE = 2
 _LEFT, _NOISES = 0.10, 2.0  # largest residual: of the contrast, plus the image's noise
 
@@ -120,7 +124,15 @@ def ring_hypotheses(blobs: Blobs, places: Array) -> list[Array]:
             for k in range(1, SECTORS // 2 + 1):
                 out += _votes(other, k * angle, flat, whole, places, blobs.centre[i], local)
     out.sort(key=lambda pair: -pair[0])
-    return [matrix for _, matrix in out[:_HYPOTHESES]]
+    kept: list[Array] = []
+    for _, matrix in out:
+        # Rotations by whole sectors are one hypothesis: the code says which.
+        size = math.sqrt(abs(float(np.linalg.det(matrix[:2, :2]))))
+        if all(np.hypot(*(matrix[:2, 2] - other[:2, 2])) > _ALIKE * size for other in kept):
+            kept.append(matrix)
+        if len(kept) == _HYPOTHESES:
+            break
+    return kept
 
 
 def _votes(
@@ -203,14 +215,13 @@ def decode(present: Array, unsure: NDArray[np.bool_]) -> tuple[int, int, int] | 
     """
     outer, inner = present[:SECTORS].astype(int), present[SECTORS:].astype(int)
     erased = unsure[:SECTORS] | unsure[SECTORS:] | (outer + inner == 0)
-    best: list[tuple[int, int, int]] = []
-    for identity, word in enumerate(dot_code_words()):
-        inked = inked_places(word).astype(int)
-        for turn in range(SECTORS):
-            differ = (np.roll(inked[:SECTORS], turn) != outer) | (np.roll(inked[SECTORS:], turn) != inner)
-            best.append((2 * int(np.sum(differ & ~erased)), identity, turn))
-    errors, identity, turn = min(best)
-    damage = errors + int(erased.sum())
+    seen = np.where(outer == 0, INNER, np.where(inner == 0, OUTER, BOTH))
+    # Rotations of what is seen, instead of those of all words.
+    turns = (np.arange(SECTORS)[:, None] + np.arange(SECTORS)) % SECTORS
+    differ = (np.array(dot_code_words())[:, None] != seen[turns]) & ~erased[turns]
+    errors = differ.sum(axis=2)
+    identity, turn = (int(v) for v in np.unravel_index(int(np.argmin(errors)), errors.shape))
+    damage = 2 * int(errors[identity, turn]) + int(erased.sum())
     if damage > _MOST_DAMAGE or damage >= LEAST_DISTANCE:
         return None
     return identity, turn, damage

@@ -2,9 +2,9 @@
 
 Source: L. Calvet, P. Gurdjos, C. Griwodz, S. Gasparini, Detection and accurate localization of circular fiducials under
 highly challenging conditions, CVPR (2016). The steps are theirs: an outer ellipse; the image of the centre as the point
-for which the image, rectified by the homography of ellipse and centre, looks alike along all cuts from the centre to the
-rim; the identity as the nearest profile of a bank. From ellipse C and centre o follow the vanishing line v ~ C o, the
-normal K^T v, and the focal length by the circular points (v meets C).
+for which the image, rectified by the homography of ellipse and centre, looks alike along all cuts from the centre to
+the rim; the identity as the nearest profile of a bank. From ellipse C and centre o follow the vanishing line v ~ C o,
+the normal K^T v, and the focal length by the circular points (v meets C).
 
 Three things are ours. The outer ellipses come from Roundel's detector instead of voting along gradients. The cuts are
 made to agree by Gauss-Newton from the best of a coarse grid, where the paper shrinks a grid. Once the identity is

@@ -7,8 +7,8 @@ expected print is what the layout of the printed marker says; for `ring_code` al
 the best one is the identity.
 
 At low tilt both poses, and both rectified images, are nearly the same, and the method says that it cannot tell: it
-returns both poses and chooses none. The criterion is the log-likelihood of the residuals with as many independent values
-as there are pixels inside the circle.
+returns both poses and chooses none. The criterion is the log-likelihood of the residuals with as many independent
+values as there are pixels inside the circle.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def _log_odds(better: float, worse: float, count: float) -> float:
 
 
 def choose_pose(image: LightImage, circle: CircleImage, view: View, prints: list[Expected]) -> Found | str:
-    """The pose of one circle by the print inside it, or both if they cannot be told apart; a reason if it is not there."""
+    """The pose of one circle by the print inside it, both if they cannot be told apart, or why it is not there."""
     radius_m = view.diameter_m / 2
     poses = poses_from_ellipse(circle.ellipse, view.camera.K, 1.0)
     blur_px = float(getattr(circle.fit, "blur_px", 0.6))

@@ -1,7 +1,7 @@
 """How much of each pixel the image of a printed disc covers, with derivatives, in closed form or by quadrature.
 
-Large discs are edges: the response of a square pixel to a blurred edge (`step_response`) at the signed distance from the
-image of the circle. That distance is, from the plane coordinates X(p) with q = |X - X_j| - r_j, to second order
+Large discs are edges: the response of a square pixel to a blurred edge (`step_response`) at the signed distance from
+the image of the circle. That distance is, from the plane coordinates X(p) with q = |X - X_j| - r_j, to second order
 d = q / |grad q| + q^2 (n^T Hess q n) / (2 |grad q|^3).
 
 A disc whose image is a few blurs wide is no edge any more. There the coverage is the integral of the pixel's response

@@ -65,13 +65,19 @@ def levels_columns(places: Array, pattern: Array) -> Array:
     return np.concatenate([ground, -ground * pattern[:, None]], axis=1)
 
 
+def _levels(columns: Array, values: Array) -> Array:
+    """Least squares by the normal equations: the columns are centred and scaled, and there are six of them."""
+    normal = columns.T @ columns
+    return np.asarray(np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(len(normal)), columns.T @ values))
+
+
 def unexplained(pixels: Pixels, patterns: Array) -> tuple[Array, Array]:
     """For each pattern (N, P): the share of variance that it leaves, and paper minus ink."""
     total = float(np.sum((pixels.values - pixels.values.mean()) ** 2))
     left, contrast = np.empty(patterns.shape[1]), np.empty(patterns.shape[1])
     for i, pattern in enumerate(patterns.T):
         columns = levels_columns(pixels.places, pattern)
-        levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]
+        levels = _levels(columns, pixels.values)
         left[i] = float(np.sum((pixels.values - columns @ levels) ** 2))
         contrast[i] = levels[3]
     return left / max(total, 1e-12), contrast
@@ -153,7 +159,7 @@ def _equations(
     if not np.all(np.isfinite(seen.covered)):
         return None
     ground = levels_columns(pixels.places, seen.covered @ weights)
-    levels = np.linalg.lstsq(ground, pixels.values, rcond=None)[0]
+    levels = _levels(ground, pixels.values)
     contrast = -(ground[:, :3] @ levels[3:])
     moves = np.einsum("njg,j->ng", seen.by_generator[..., :count], weights) * contrast[:, None]
     blur = (seen.by_variance @ weights) * contrast

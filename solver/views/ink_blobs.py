@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 _FEWEST_PX, _MOST_PX = 4, 20_000
 _WINDOWS = (15, 31, 61, 121)  # sides of the neighbourhoods for thresholds, px
-_SIGMAS = 5.0
+_SIGMAS = 10.0  # noise alone spans about 6 over a neighbourhood
 _LEAST_FILL = 0.6  # of the ellipse with a blob's second moments
 
 
@@ -46,7 +46,8 @@ def ink_blobs(levels: Array, noise_dn: float, light: bool = False) -> Blobs:
 
     A pixel is ink if it is darker than the middle between the darkest and the lightest level of its neighbourhood. A
     blob's ink is the paper around it minus its level, over the same less the darkest level: it sums to the area pi a b
-    whatever the blur v, which adds v I to the second moments M. An ellipse has det(M - v I) = (a b / 4)^2: so v follows.
+    whatever the blur v, which adds v I to the second moments M. An ellipse has det(M - v I) = (a b / 4)^2, from which v
+    follows.
 
     Parameters
     ----------
