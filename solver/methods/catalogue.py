@@ -96,6 +96,27 @@ CATALOGUE: tuple[Listed, ...] = (
         "Pollefeys, Koch, Van Gool, Self-calibration and metric reconstruction, IJCV 32(1) 1999",
     ),
     _related(
+        "calvet2016",
+        "ring_code",
+        "coded crowns: the image of the centre by cuts that agree, then a fit of all pixels",
+        "identity, focal length, pose",
+        "Calvet, Gurdjos, Griwodz, Gasparini, Detection and accurate localization of circular fiducials, CVPR 2016",
+    ),
+    _related(
+        "bergamasco2011",
+        "dot_code",
+        "dots on rings: votes of pairs, a cyclic code, then a fit of all pixels",
+        "identity, focal length, pose",
+        "Bergamasco, Albarelli, Rodola, Torsello, RUNE-Tag: a high accuracy fiducial marker, CVPR 2011",
+    ),
+    _related(
+        "pagani2011",
+        "ring rings ring_code coded_rings disc_with_tick",
+        "a circle rectified with both poses, compared with the expected print",
+        "pose, identity",
+        "Pagani, Koehler, Stricker, Circular markers for camera pose estimation, WIAMIS 2011",
+    ),
+    _related(
         "szpak2015",
         "disc ring rings coded_rings two_discs dot_ring",
         "guaranteed ellipse of the edge points, by Sampson distances",

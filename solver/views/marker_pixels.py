@@ -101,7 +101,7 @@ class MetricReading:
 
 
 def metric_reading(view: View, measured: MeasuredHomography) -> MetricReading:
-    """Focal length and poses; the poses have the view's focal length, fused with the measured one if it is uncertain."""
+    """Focal length and poses: those for the view's focal length, fused with the measured one if it is uncertain."""
     focal = focal_of_homography(measured, view.camera.K, view.camera.width_px)
     camera = view.camera
     if view.focal_sigma > 0 and focal is not None:
