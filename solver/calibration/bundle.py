@@ -33,8 +33,10 @@ class Adjusted:
         Of each dot: five residuals, whitened by the covariance of its ellipse.
     residual : (N, 5) array
         Measured minus predicted shape, px.
-    information : (c, c) array
-        Of the camera's parameters, with the poses eliminated.
+    information : (V, c, c) array
+        Of each view on the camera's parameters, with its pose eliminated.
+    gradient : (V, c) array
+        Of half the chi-square of each view, downhill, with its pose eliminated: they add up to zero at the minimum.
     converged : bool
     """
 
@@ -42,17 +44,32 @@ class Adjusted:
     chi_square: Array
     residual: Array
     information: Array
+    gradient: Array
     converged: bool
 
     def covariance(self) -> Array | None:
         """Covariance (c, c) of the camera's parameters; None if the views do not determine them."""
-        scale = np.sqrt(np.maximum(np.diag(self.information), 0.0))
+        information = self.information.sum(axis=0)
+        scale = np.sqrt(np.maximum(np.diag(information), 0.0))
         if not np.all(scale > 0):
             return None
-        values, vectors = np.linalg.eigh(self.information / np.outer(scale, scale))
+        values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
         if not values[0] > _SINGULAR * values[-1]:
             return None
         return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+    def shared_error(self, covariance: Array) -> tuple[float, float]:
+        """Variance of the views' pulls on the camera over that of the noise, and its degrees of freedom.
+
+        The pull of a view is its gradient g, of covariance I (its information) if the errors of its dots are
+        independent; after the fit the mean of the sum of g^T C g is c - sum tr (C I)^2, with the covariance C of the
+        camera. Errors that the dots of a view share, as on a bent board, make it larger, while the chi-square of the
+        dots alone sees little of them.
+        """
+        expected = covariance @ self.information
+        freedom = len(covariance) - float(np.einsum("Vij,Vji->", expected, expected))
+        pulls = float(np.einsum("Vi,ij,Vj->", self.gradient, covariance, self.gradient))
+        return pulls / freedom, freedom
 
 
 def adjust(start: Model, dots: Dots) -> Adjusted:
@@ -84,12 +101,8 @@ def adjust(start: Model, dots: Dots) -> Adjusted:
         if small or state.cost < 1e-16 * len(dots):
             converged = True
             break
-    try:
-        information = state.reduced(0.0)[0]
-    except np.linalg.LinAlgError:  # a view whose dots lie on a line
-        information = np.zeros_like(state.camera)
     square = np.einsum("Np,Np->N", state.white, state.white)
-    return Adjusted(state.model, square, state.residual, information, converged)
+    return Adjusted(state.model, square, state.residual, *state.by_view(), converged)
 
 
 def _whitener(cov: Array) -> Array:
@@ -105,10 +118,10 @@ class _Linearised:
     residual: Array
     white: Array
     cost: float
-    camera: Array  # (c, c)
+    camera: Array  # (V, c, c)
     mixed: Array  # (V, c, 6)
     pose: Array  # (V, 6, 6)
-    camera_gradient: Array  # (c,)
+    camera_gradient: Array  # (V, c)
     pose_gradient: Array  # (V, 6)
 
     @staticmethod
@@ -124,31 +137,38 @@ class _Linearised:
         mixed = np.add.reduceat(by_camera.transpose(0, 2, 1) @ by_pose, first)
         pose = np.add.reduceat(by_pose.transpose(0, 2, 1) @ by_pose, first)
         pose_gradient = np.add.reduceat(np.einsum("Npj,Np->Nj", by_pose, white), first)
-        flat = by_camera.reshape(-1, c)
+        camera = np.add.reduceat(by_camera.transpose(0, 2, 1) @ by_camera, first)
+        camera_gradient = np.add.reduceat(np.einsum("Npj,Np->Nj", by_camera, white), first)
         # A dot that the lens model does not image has no residual, and no cost that any other could be below.
         cost = cost if np.isfinite(cost) else np.inf
-        return _Linearised(
-            model, residual, white, cost, flat.T @ flat, mixed, pose, flat.T @ white.ravel(), pose_gradient
-        )
+        return _Linearised(model, residual, white, cost, camera, mixed, pose, camera_gradient, pose_gradient)
 
-    def reduced(self, damping: float) -> tuple[Array, Array, Array]:
-        """Information and gradient of the camera with the poses eliminated, and the poses' inverses."""
+    def by_view(self) -> tuple[Array, Array]:
+        """Information (V, c, c) and gradient (V, c) of the camera with the poses eliminated; zero if they cannot be."""
+        try:
+            return self._reduced(0.0)[:2]
+        except np.linalg.LinAlgError:  # a view whose dots lie on a line
+            return np.zeros_like(self.camera), np.zeros_like(self.camera_gradient)
+
+    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
+        """As `by_view`, and the inverses of the poses' information."""
         index = np.arange(POSE)
         pose = self.pose.copy()
         pose[:, index, index] *= 1.0 + damping
         inverse = np.linalg.inv(pose)
         carried = self.mixed @ inverse
-        camera = self.camera + damping * np.diag(np.diag(self.camera))
-        information = camera - np.sum(carried @ self.mixed.transpose(0, 2, 1), axis=0)
-        gradient = self.camera_gradient - np.einsum("Vcj,Vj->c", carried, self.pose_gradient)
+        information = self.camera - carried @ self.mixed.transpose(0, 2, 1)
+        gradient = self.camera_gradient - np.einsum("Vcj,Vj->Vc", carried, self.pose_gradient)
         return np.asarray(information), np.asarray(gradient), np.asarray(inverse)
 
     def step(self, damping: float) -> tuple[Array, Array] | None:
         """The damped Gauss-Newton step; None if the damped equations are singular."""
         try:
-            information, gradient, inverse = self.reduced(damping)
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(self.camera), 1e-300))
-            camera = scale * np.linalg.solve(information * np.outer(scale, scale), gradient * scale)
+            by_view, gradient, inverse = self._reduced(damping)
+            diagonal = np.maximum(np.diag(self.camera.sum(axis=0)), 1e-300)
+            information = by_view.sum(axis=0) + damping * np.diag(diagonal)
+            scale = 1.0 / np.sqrt(diagonal)
+            camera = scale * np.linalg.solve(information * np.outer(scale, scale), gradient.sum(axis=0) * scale)
         except np.linalg.LinAlgError:
             return None
         rest = self.pose_gradient - np.einsum("Vcj,c->Vj", self.mixed, camera)
@@ -157,5 +177,5 @@ class _Linearised:
 
     def size_of(self, camera: Array, poses: Array) -> float:
         """Length of a step in standard deviations of all parameters."""
-        square = camera @ self.camera @ camera + 2 * np.einsum("c,Vcj,Vj->", camera, self.mixed, poses)
+        square = camera @ self.camera.sum(axis=0) @ camera + 2 * np.einsum("c,Vcj,Vj->", camera, self.mixed, poses)
         return float(np.sqrt(max(square + np.einsum("Vi,Vij,Vj->", poses, self.pose, poses), 0.0)))

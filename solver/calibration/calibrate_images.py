@@ -242,10 +242,10 @@ def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[st
             for name, value in zip(calibration.parameters[4:-1], calibration.camera.distortion, strict=True)
         ),
     ]
-    if calibration.widened:
+    if calibration.widened > 1:
         lines.append(
-            f"the circles scatter {calibration.chi_square**0.5:.1f} times as much as the noise of their pixels (a bent "
-            "board, moving edges, or another lens model); the standard deviations above are widened by it"
+            f"the circles are off by more than the noise of their pixels (a bent board, or another lens model): the "
+            f"standard deviations above are widened by {calibration.widened:.1f}"
         )
     asked, found, own = views.layout.diameter_m, calibration.diameter_m, sigma["diameter_m"]
     if abs(found / asked - 1.0) > max(_ODD_DIAMETER, 5 * own / asked):

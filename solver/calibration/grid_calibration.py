@@ -30,7 +30,8 @@ MIN_VIEWS = 3
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3")
 _OUTLIER = 36.0  # chi-square of a dot, of five degrees of freedom: chance exceeds it once in a million
 _MEDIAN = 4.351  # of chi-square of five degrees of freedom
-_ROUNDS = 4  # of leaving out dots
+_CHANCE = 3.0  # standard deviations of a chi-square beyond which it is none
+_ROUNDS, _WORST = 8, 4.0  # of leaving out dots, each time those within this factor of the worst
 # A focal length known worse than this was not determined by the views: the prior of any camera is better.
 _UNDETERMINED = 0.1
 # Standard deviation added to the ellipses at first, px: far from the minimum their covariances are too narrow a valley.
@@ -48,10 +49,12 @@ class GridCalibration:
     parameters : tuple of str
         Names of the parameters: fx, fy, cx, cy, k1, k2, p1, p2 (k3), diameter_m.
     covariance : (c, c) array
-        Of the parameters; widened by `chi_square` if it exceeds chance.
+        Of the parameters, widened.
     chi_square : float
         Per degree of freedom: 1 if nothing but the noise of the pixels moves the circles.
-    widened : bool
+    widened : float
+        Factor by which the standard deviations were widened, because the dots scatter more than their noise, or the
+        views contradict each other more (see `Adjusted.shared_error`); 1 if neither exceeds chance.
     diameter_m : float
         Of a dot, as fitted: ink spreads, and the response of a sensor moves edges.
     rms_px : float
@@ -68,7 +71,7 @@ class GridCalibration:
     parameters: tuple[str, ...]
     covariance: Array
     chi_square: float
-    widened: bool
+    widened: float
     diameter_m: float
     rms_px: float
     used: int
@@ -153,7 +156,8 @@ def calibrate_dots(
         _check_determined(found)
         # Without a model of the error (wavy paper), its scale decides what is an outlier.
         scale = max(1.0, float(np.median(found.chi_square)) / _MEDIAN)
-        good = found.chi_square < _OUTLIER * scale
+        # The worst ones first: they pull the model away from the others.
+        good = found.chi_square < max(_OUTLIER * scale, float(found.chi_square.max()) / _WORST)
         if good.all() or last:
             break
         dots, kept = _kept(dots, good, np.arange(len(views)))
@@ -207,7 +211,10 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
     camera = found.model.camera
     freedom = 5 * len(dots) - len(covariance) - POSE * len(views)
     chi_square = float(found.chi_square.sum()) / freedom
-    widened = chi_square > 1.0 + 3.0 * math.sqrt(2.0 / freedom)
+    raised = 1.0
+    for excess, degrees in ((chi_square, freedom), found.shared_error(covariance)):
+        if excess > 1.0 + _CHANCE * math.sqrt(2.0 / degrees):
+            raised = max(raised, excess)
     parameters = ("fx", "fy", "cx", "cy", *_COEFFICIENTS[: len(camera.distortion)], "diameter_m")
     # The model has the logarithm of the diameter.
     units = np.array([*np.ones(len(covariance) - 1), found.model.diameter_m])
@@ -215,9 +222,9 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
     return GridCalibration(
         camera,
         parameters,
-        covariance * (chi_square if widened else 1.0),
+        covariance * raised,
         chi_square,
-        widened,
+        math.sqrt(raised),
         found.model.diameter_m,
         math.sqrt(float(np.mean(np.sum(found.residual[:, :2] ** 2, axis=1)))),
         len(dots),
