@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,10 @@ from roundel.solver.photos.photo_file import read_photo
 Progress = Callable[[int, int], None]
 
 KIND = "circle_grid"
+# Ink spreads by some hundredths of a millimetre; more is another board.
+_ODD_DIAMETER = 0.03
+# A linear image taken for sRGB displaces its edges by 0.2 to 0.4 px.
+_ODD_EDGE_PX = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,7 @@ class GridViews:
             raise UsageError(
                 f"{count} views are requested, but {len(self.images)} show a circle grid; request at most that many"
             )
-        return GridViews(self.layout, self.size_px, self.images[:count], self.frame_ids[:count])
+        return replace(self, images=self.images[:count], frame_ids=self.frame_ids[:count])
 
     def calibrate(self, coefficients: int = 4) -> GridCalibration:
         """See `calibrate_grids`."""
@@ -219,6 +223,7 @@ def calibration_to_json(
             "dots": calibration.used,
             "left_out_dots": calibration.left_out,
             "diameter_m": calibration.diameter_m,
+            "edge_px": calibration.edge_px,
             "chi_square": calibration.chi_square,
             "widened": calibration.widened,
             "parameters": list(calibration.parameters),
@@ -239,7 +244,7 @@ def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[st
         + " px; "
         + ", ".join(
             f"{name} {value:.5f} ± {sigma[name]:.5f}"
-            for name, value in zip(calibration.parameters[4:-1], calibration.camera.distortion, strict=True)
+            for name, value in zip(calibration.parameters[4:], calibration.camera.distortion, strict=False)
         ),
     ]
     if calibration.widened > 1:
@@ -253,8 +258,10 @@ def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[st
             f"the dots measure {found / views.layout.spacing_m:.3f} of their spacing, not "
             f"{asked / views.layout.spacing_m:.3f} as given; the spacing counts, the diameter was fitted"
         )
+    edge, own = calibration.edge_px, sigma["edge_px"]
+    if abs(edge) > max(_ODD_EDGE_PX, 5 * own):
+        lines.append(
+            f"the edges of the dots lie {edge:+.2f} ± {own:.2f} px outward: the response curve of the images is "
+            "another (--curve), or they were sharpened; the camera takes it into account"
+        )
     return lines
-
-
-# Ink spreads by some hundredths of a millimetre; more is another board.
-_ODD_DIAMETER = 0.03

@@ -15,7 +15,7 @@ from roundel.scenes.camera.model import (
     normalise,
     undistort_normalised,
 )
-from roundel.solver.calibration.fitted_ellipse import fitted_ellipses
+from roundel.solver.calibration.fitted_ellipse import along_contours, fitted_ellipses
 
 Array = NDArray[np.float64]
 
@@ -64,27 +64,42 @@ class Dots:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The unknowns of a calibration: camera, diameter of a dot, poses `camera_from_board` (V, 4, 4)."""
+    """The unknowns of a calibration.
+
+    Attributes
+    ----------
+    camera : Camera
+    diameter_m : float
+        Of a dot.
+    poses : (V, 4, 4) array
+        `camera_from_board` of each view.
+    edge_px : float
+        Displacement of all edges in the image, outward from the dots, px: by a response curve that is not the one
+        undone, by sharpening, by light that spreads. It would make tilted dots rounder, and the focal length wrong.
+    """
 
     camera: Camera
     diameter_m: float
     poses: Array
+    edge_px: float = 0.0
 
     @property
     def camera_parameters(self) -> Array:
-        """fx, fy, cx, cy, the distortion coefficients, and the natural logarithm of the diameter in metres."""
-        k = self.camera.K
-        return np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], *self.camera.distortion, np.log(self.diameter_m)])
+        """fx, fy, cx, cy, the distortion coefficients, the natural logarithm of the diameter in metres, and edge_px."""
+        k, log_diameter = self.camera.K, np.log(self.diameter_m)
+        return np.array(
+            [k[0, 0], k[1, 1], k[0, 2], k[1, 2], *self.camera.distortion, log_diameter, self.edge_px], dtype=np.float64
+        )
 
     def moved(self, camera_step: Array, pose_steps: Array) -> Model:
         """The model after a step: added to the camera's parameters, (V, 6) composed with the poses."""
-        fx, fy, cx, cy, *distortion, log_diameter = self.camera_parameters + camera_step
+        fx, fy, cx, cy, *distortion, log_diameter, edge_px = (self.camera_parameters + camera_step).tolist()
         k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         poses = self.poses.copy()
         poses[:, :3, :3] = rotations(pose_steps[:, :3]) @ poses[:, :3, :3]
         poses[:, :3, 3] += pose_steps[:, 3:]
-        camera = replace(self.camera, K=k, distortion=tuple(map(float, distortion)))
-        return Model(camera, float(np.exp(log_diameter)), poses)
+        camera = replace(self.camera, K=k, distortion=tuple(distortion))
+        return Model(camera, float(np.exp(log_diameter)), poses, edge_px)
 
 
 def rotations(vectors: Array) -> Array:
@@ -145,17 +160,27 @@ def _imaged(model: Model, dots: Dots) -> tuple[Array, Array]:
     zero = np.zeros_like(y1)
     cross = np.stack([zero, y3, -y2, -y3, zero, y1, y2, -y1, zero], axis=-1).reshape(*y1.shape, 3, 3)
     count = len(model.camera.distortion)
-    jacobian = np.zeros((*image.shape, 5 + count + POSE))
+    outward = _outward(image)
+    jacobian = np.zeros((*image.shape, 6 + count + POSE))
     jacobian[..., 0, 0], jacobian[..., 1, 1] = bent[..., 0], bent[..., 1]
     jacobian[..., 0, 2] = jacobian[..., 1, 3] = 1.0
     jacobian[..., 4 : 4 + count] = focal[:, None] * _by_coefficients(xy, count)
     jacobian[..., 4 + count] = np.einsum("Nkij,Nkj->Nki", by_place, growth)
-    jacobian[..., 5 + count : 8 + count] = by_place @ cross
-    jacobian[..., 8 + count :] = by_place
+    jacobian[..., 5 + count] = outward
+    jacobian[..., 6 + count : 9 + count] = by_place @ cross
+    jacobian[..., 9 + count :] = by_place
+    image = image + model.edge_px * outward
     if dots.lens is None or not distorts(dots.lens):
         return image, jacobian
     straight, slope = _undistorted(dots.lens, image)
     return straight, slope @ jacobian
+
+
+def _outward(contours: Array) -> Array:
+    """Outer unit normals of contours (N, n, 2), which run counterclockwise for a viewer."""
+    tangent = along_contours(contours)
+    normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
 def _by_coefficients(xy: Array, count: int) -> Array:

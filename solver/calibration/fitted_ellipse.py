@@ -42,15 +42,20 @@ def fitted_ellipses(contours_px: Array, steps: int = _STEPS) -> tuple[Array, Arr
     harmonic = np.stack([np.cos(turn), np.sin(turn)], axis=1) * (2 / n)
     a = np.einsum("Nki,kj->Nij", local, harmonic)
     theta = np.concatenate([centre, _symmetric_root(a @ a.transpose(0, 2, 1))], axis=1)
-    # Length by angle, from the derivative of the contour's Fourier series.
-    waves = np.fft.rfft(local, axis=1) * (1j * np.arange(n // 2 + 1))[:, None]
-    length = np.linalg.norm(np.fft.irfft(waves, n, axis=1), axis=-1)
+    length = np.linalg.norm(along_contours(local), axis=-1)
     weight = length / length.sum(axis=1, keepdims=True)
     for _ in range(steps):
         distance, _, design = _distances(theta, contours_px)
         theta = theta + np.einsum("Npk,Nk->Np", _pseudo_inverse(design, weight), distance)
     _, normal, design = _distances(theta, contours_px)
     return theta, np.einsum("Npk,Nki->Npki", _pseudo_inverse(design, weight), normal)
+
+
+def along_contours(contours_px: Array) -> Array:
+    """Derivative (N, n, 2) of contours by the angle, from their Fourier series."""
+    n = contours_px.shape[1]
+    waves = np.fft.rfft(contours_px, axis=1) * (1j * np.arange(n // 2 + 1))[:, None]
+    return np.asarray(np.fft.irfft(waves, n, axis=1))
 
 
 def _pseudo_inverse(design: Array, weight: Array) -> Array:

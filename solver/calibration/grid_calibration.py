@@ -47,7 +47,7 @@ class GridCalibration:
     camera : Camera
         With OpenCV's k1, k2, p1, p2 (and k3 with five coefficients).
     parameters : tuple of str
-        Names of the parameters: fx, fy, cx, cy, k1, k2, p1, p2 (k3), diameter_m.
+        Names of the parameters: fx, fy, cx, cy, k1, k2, p1, p2 (k3), diameter_m, edge_px.
     covariance : (c, c) array
         Of the parameters, widened.
     chi_square : float
@@ -56,7 +56,9 @@ class GridCalibration:
         Factor by which the standard deviations were widened, because the dots scatter more than their noise, or the
         views contradict each other more (see `Adjusted.shared_error`); 1 if neither exceeds chance.
     diameter_m : float
-        Of a dot, as fitted: ink spreads, and the response of a sensor moves edges.
+        Of a dot, as fitted: ink spreads.
+    edge_px : float
+        Displacement of the edges in the images, outward, as fitted: see `Model.edge_px`.
     rms_px : float
         Root of the mean squared distance between measured and predicted centres of the ellipses.
     used, left_out : int
@@ -73,6 +75,7 @@ class GridCalibration:
     chi_square: float
     widened: float
     diameter_m: float
+    edge_px: float
     rms_px: float
     used: int
     left_out: int
@@ -86,7 +89,10 @@ class GridCalibration:
 
 
 def calibrate_grids(
-    views: Sequence[GridImage], layout: GridLayout, size_px: tuple[int, int], coefficients: int = 4
+    views: Sequence[GridImage],
+    layout: GridLayout,
+    size_px: tuple[int, int],
+    coefficients: int = 4,
 ) -> GridCalibration:
     """Calibrate a camera from views of a grid.
 
@@ -215,9 +221,9 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
     for excess, degrees in ((chi_square, freedom), found.shared_error(covariance)):
         if excess > 1.0 + _CHANCE * math.sqrt(2.0 / degrees):
             raised = max(raised, excess)
-    parameters = ("fx", "fy", "cx", "cy", *_COEFFICIENTS[: len(camera.distortion)], "diameter_m")
+    parameters = ("fx", "fy", "cx", "cy", *_COEFFICIENTS[: len(camera.distortion)], "diameter_m", "edge_px")
     # The model has the logarithm of the diameter.
-    units = np.array([*np.ones(len(covariance) - 1), found.model.diameter_m])
+    units = np.where(np.array(parameters) == "diameter_m", found.model.diameter_m, 1.0)
     covariance = covariance * np.outer(units, units)
     return GridCalibration(
         camera,
@@ -226,6 +232,7 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
         chi_square,
         math.sqrt(raised),
         found.model.diameter_m,
+        found.model.edge_px,
         math.sqrt(float(np.mean(np.sum(found.residual[:, :2] ** 2, axis=1)))),
         len(dots),
         total - len(dots),

@@ -24,9 +24,7 @@ def pose(tilt_deg: float, azimuth_deg: float, roll_deg: float, x: float, y: floa
     """`camera_from_board`: facing the camera, rolled in its plane, then tilted about an axis in the image."""
     facing = np.diag([1.0, -1.0, -1.0])
     axis = np.radians(azimuth_deg)
-    turns = np.array(
-        [[0.0, 0.0, np.radians(roll_deg)], np.radians(tilt_deg) * np.array([np.cos(axis), np.sin(axis), 0])]
-    )
+    turns = np.radians([[0.0, 0.0, roll_deg], [tilt_deg * np.cos(axis), tilt_deg * np.sin(axis), 0.0]])
     roll, tilt = rotations(turns)
     out = np.eye(4)
     out[:3, :3] = tilt @ roll @ facing
@@ -34,9 +32,8 @@ def pose(tilt_deg: float, azimuth_deg: float, roll_deg: float, x: float, y: floa
     return out
 
 
-def poses(
-    count: int, seed: int = 0, tilt_deg: tuple[float, float] = (15.0, 40.0), distance_m: float = 0.42
-) -> list[Array]:
+def poses(count: int, seed: int = 0, distance_m: float = 0.42) -> list[Array]:
+    """Views tilted by 15 to 40 degrees in evenly spaced directions."""
     rng = np.random.default_rng(seed)
     return [
         pose(

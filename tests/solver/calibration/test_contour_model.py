@@ -29,7 +29,7 @@ def test_derivatives(lens: Camera | None, count: int) -> None:
     camera = replace(CAMERA, distortion=(*CAMERA.distortion, 0.02)[:count])
     model, dots = replace(MODEL, camera=camera), replace(DOTS, lens=lens)
     _, jacobian = predicted_shapes(model, dots)
-    size = count + 5
+    size = count + 6
     for i in range(size + 6):
         # Steps that move the contours by some thousandths of a pixel.
         step = 1e-3 if i < 4 else 1e-6
