@@ -8,7 +8,7 @@ changes, and two lines through the located points meet in the corner.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,11 +25,14 @@ LEAST_REACH_PX = 1.0
 ENDS_PX = 2.0
 LEAST_POINTS = 5
 ROUNDS = 3
-# Points one pixel apart share pixels through the interpolation: their errors' sum has this many times the variance of
-# independent ones (two neighbours with correlation 1/4 each).
-SHARED_PIXELS = 1.5
 # Error of a located edge that all its points share, px: interpolation between the pixels of a sharp edge.
-FLOOR_PX = 0.005
+FLOOR_PX = 0.0015
+# Share of the spread of the dark ends' levels, times the reach, that moves an edge: measured on renders.
+LEAK = 0.25
+# A border narrower than this is nowhere as dark as the ink; each missing pixel moves an edge by this part of one.
+WIDE_BORDER_PX, NARROW = 3.0, 0.06
+# Grey levels between ink and paper.
+LEAST_CONTRAST = 1.0
 # Outlying points of an edge are left out beyond this many robust standard deviations.
 OUTLIER = 3.5
 
@@ -44,13 +47,17 @@ class QuadCorners:
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """A line through points: their middle (2,), its angle (rad), their squared distances, count, and squared spread."""
+    """A line through points: their middle (2,), its angle (rad), their squared distances, count, and squared spread.
+
+    `leak` is an error of the line that its points share, px.
+    """
 
     middle: Array
     angle: float
     left: float
     count: int
     reach: float
+    leak: float = 0.0
 
 
 def refine_quad(grey: ArrayLike, corners_px: ArrayLike, border_share: float, camera: Camera) -> QuadCorners | None:
@@ -99,8 +106,6 @@ def _edge_line(levels: Array, corners: Array, i: int, border_share: float, camer
     length = float(np.linalg.norm(end - start))
     # The border is as wide as its share of the shorter side that meets this edge, seen across.
     across = abs(_cross(end - start, corners[(i + 2) % 4] - end)), abs(_cross(end - start, corners[i - 1] - start))
-    reach = min(REACH_PX, REACH_OF_BORDER * border_share * min(across) / max(length, 1e-9))
-    reach = max(reach, LEAST_REACH_PX)
     count = int(length - 2 * ENDS_PX)
     if count < LEAST_POINTS:
         return None
@@ -110,20 +115,30 @@ def _edge_line(levels: Array, corners: Array, i: int, border_share: float, camer
     tangent = (ahead - image) / np.linalg.norm(ahead - image, axis=1, keepdims=True)
     outward = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     outward *= np.sign(_cross(end - start, corners.mean(axis=0) - start)) or 1.0
-    offsets = _edge_offsets(levels, image, outward, reach)
-    if offsets is None:
+    border = border_share * min(across) / max(length, 1e-9)
+    reach = max(min(REACH_PX, REACH_OF_BORDER * border), LEAST_REACH_PX)
+    located = _edge_offsets(levels, image, outward, reach)
+    if located is None:
         return None
+    offsets, leak = located
     points = undistort_px(camera, image + offsets[:, None] * outward)
     keep = np.isfinite(points).all(axis=1)
-    return _fitted_line(points[keep], (end - start) / length)
+    line = _fitted_line(points[keep], (end - start) / length)
+    return (
+        None if line is None else replace(line, leak=float(np.hypot(leak, NARROW * max(0.0, WIDE_BORDER_PX - border))))
+    )
 
 
 def _cross(a: Array, b: Array) -> float:
     return float(a[0] * b[1] - a[1] * b[0])
 
 
-def _edge_offsets(levels: Array, image: Array, outward: Array, reach: float) -> Array | None:
-    """Offset of the edge from each point along `outward`: the area of its profile between the levels at its ends."""
+def _edge_offsets(levels: Array, image: Array, outward: Array, reach: float) -> tuple[Array, float] | None:
+    """Offset of the edge from each point along `outward`, and the error that the code behind the border may add.
+
+    The offset is the area of the profile between the levels at its ends. White cells behind a narrow border brighten
+    some dark ends by their blur: the spread of those levels is light that belongs to no edge.
+    """
     steps = 2 * int(np.ceil(4 * reach)) + 1
     t = np.linspace(-reach, reach, steps)
     at = image[:, None, :] + t[None, :, None] * outward[:, None, :]
@@ -132,13 +147,13 @@ def _edge_offsets(levels: Array, image: Array, outward: Array, reach: float) -> 
     if inside.sum() < LEAST_POINTS:
         return None
     profile = map_coordinates(levels, [at[..., 1], at[..., 0]], order=1, mode="nearest")
-    # Levels of the whole edge: one profile's ends have the noise of two pixels.
-    dark, light = np.median(profile[inside, :2]), np.median(profile[inside, -2:])
-    if light - dark < 1:
+    inner, light = profile[:, :2].mean(axis=1), np.median(profile[inside, -2:])
+    dark = np.median(inner[inside])
+    if abs(light - dark) < LEAST_CONTRAST:
         return None
-    share = (profile - dark) / (light - dark)
-    area = np.trapezoid(share, t, axis=1)
-    return np.where(inside & (np.abs(reach - area) < reach), reach - area, np.nan)
+    area = np.trapezoid((profile - dark) / (light - dark), t, axis=1)
+    leak = LEAK * reach * float(np.std(inner[inside])) / abs(light - dark)
+    return np.where(inside & (np.abs(reach - area) < reach), reach - area, np.nan), float(leak)
 
 
 def _fitted_line(points: Array, along: Array) -> _Line | None:
@@ -177,8 +192,9 @@ def _intersections(lines: list[_Line]) -> tuple[Array, Array]:
             along = np.array([normal[k, 1], -normal[k, 0]])
             jacobian[2 * i : 2 * i + 2, 2 * k] = inverse[:, column]
             jacobian[2 * i : 2 * i + 2, 2 * k + 1] = inverse[:, column] * float((corners[i] - lines[k].middle) @ along)
-    variance = SHARED_PIXELS * sum(line.left for line in lines) / sum(line.count - 2 for line in lines)
+    variance = sum(line.left for line in lines) / sum(line.count - 2 for line in lines)
     # The floor is common to an edge's points: it does not average out.
-    noise = variance + np.array([line.count for line in lines]) * FLOOR_PX**2
+    common = FLOOR_PX**2 + np.array([line.leak for line in lines]) ** 2
+    noise = variance + np.array([line.count for line in lines]) * common
     spread = np.stack([noise / [line.count for line in lines], noise / [line.reach for line in lines]], axis=1).ravel()
     return corners, jacobian @ np.diag(spread) @ jacobian.T

@@ -27,6 +27,11 @@ Array = NDArray[np.float64]
 RISE_95, SIGMAS_95 = 3.8415, 1.96
 # A focal length whose interval reaches farther than this (in logarithm) is not bounded by the view.
 LARGEST_LOG = 1.5
+# The end of an interval is found to this part of it.
+END_TOLERANCE = 0.03
+# Logarithms of focal lengths over the camera's from which a fit starts if the closed form's has failed or exceeds its
+# degrees of freedom by more than WELL_FITTED (a chance of 1 in 3,000 for a square); none farther than FARTHEST_LOG.
+OTHER_STARTS, WELL_FITTED, FARTHEST_LOG = (-0.7, 0.0, 0.7), 12.0, 5.0
 FRONTO_PARALLEL = (
     "the plane is too close to fronto-parallel: its points do not bound the focal length; tilt it or move closer"
 )
@@ -111,45 +116,39 @@ def focal_from_plane(given: PlanePoints, square: bool = False) -> PlaneFocal:
 
 
 def _best_fit(given: PlanePoints, square: bool) -> PlanePose | None:
-    """The joint fit of pose and focal length, from the closed form and from focal lengths about it."""
+    """The joint fit of pose and focal length, from the closed form; from other focal lengths if that fits badly."""
     # In units of the camera's focal length: square pixels, centred on the principal point.
     (a1, b1), (a2, b2) = _constraints(homography(given.points_m, normalised(given, 0.0)))
     squared = -(a1 * b1 + a2 * b2) / max(b1 * b1 + b2 * b2, 1e-300)
-    starts = [0.5 * np.log(squared)] if 1e-3 < squared < 1e3 else []
-    starts += [-0.7, 0.0, 0.7]
+    closed = [0.5 * float(np.log(squared))] if 1e-3 < squared < 1e3 else []
     best: PlanePose | None = None
-    for start in starts:
-        for pose in plane_poses(given, float(start), square):
-            free = refined_pose(given, pose.camera_from_marker, float(start), free=True)
-            if free is None or abs(free.log_scale) > 5 or free.normal @ free.centre_m >= 0:
+    for start in [*closed, *OTHER_STARTS]:
+        for pose in plane_poses(given, start, square):
+            free = refined_pose(given, pose.camera_from_marker, start, free=True)
+            if free is None or abs(free.log_scale) > FARTHEST_LOG or free.normal @ free.centre_m >= 0:
                 continue
             if best is None or free.chi2 < best.chi2:
                 best = free
-        if best is not None and start == starts[0] and best.chi2 < 1e-9:
-            break  # exact points: no other start can be better
+        if best is not None and best.chi2 < 2 * len(given.pixels) - 7 + WELL_FITTED:
+            break
     return best
 
 
 def _end_of_interval(given: PlanePoints, best: PlanePose, side: int, square: bool) -> float:
     """Where chi^2, minimised over the pose, has risen by that of 95 %; infinite if nowhere within LARGEST_LOG."""
+    starts = [best.camera_from_marker, *(p.camera_from_marker for p in plane_poses(given, best.log_scale, square)[1:])]
 
-    def rise(log_scale: float) -> float:
-        poses = plane_poses(given, log_scale, square)
-        return poses[0].chi2 - best.chi2 - RISE_95 if poses else np.inf
+    def rise(offset: float) -> float:
+        poses = [refined_pose(given, start, best.log_scale + side * offset) for start in starts]
+        return min((pose.chi2 for pose in poses if pose is not None), default=np.inf) - best.chi2 - RISE_95
 
     variance = np.linalg.pinv(best.information, hermitian=True)[6, 6]
-    step = float(np.clip(SIGMAS_95 * np.sqrt(max(variance, 0)), 1e-9, LARGEST_LOG))
-    inner, outer = 0.0, step
-    while rise(best.log_scale + side * outer) < 0:
+    inner, outer = 0.0, float(np.clip(SIGMAS_95 * np.sqrt(max(variance, 0.0)), 1e-9, LARGEST_LOG))
+    while rise(outer) < 0:
         inner, outer = outer, 1.5 * outer
         if outer > LARGEST_LOG:
             return float("inf")
-    for _ in range(12):
+    while outer - inner > END_TOLERANCE * outer:
         middle = 0.5 * (inner + outer)
-        if rise(best.log_scale + side * middle) < 0:
-            inner = middle
-        else:
-            outer = middle
-        if outer - inner < 0.02 * outer:
-            break
+        inner, outer = (middle, outer) if rise(middle) < 0 else (inner, middle)
     return best.log_scale + side * outer

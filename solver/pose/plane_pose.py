@@ -18,7 +18,9 @@ from roundel.scenes.geometry.pose import angle_deg
 Array = NDArray[np.float64]
 
 ITERATIONS = 50
-SMALLEST_STEP = 1e-12
+# The iteration ends when a step promises to lower chi^2 by less than this part of it, or turns by less than this angle
+# (rad): the residuals are then rounding.
+LEAST_DECREASE, LEAST_TURN = 1e-14, 1e-13
 # Two minima closer than this are one.
 SAME_POSE_DEG = 1e-3
 
@@ -142,21 +144,23 @@ def refined_pose(given: PlanePoints, start: Array, log_scale: float = 0.0, free:
     damping = 1e-6
     for _ in range(ITERATIONS):
         residual, jacobian = now
-        gradient, normal = jacobian.T @ residual, jacobian.T @ jacobian
-        step = -np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), gradient, rcond=None)[0]
+        chi2, gradient, normal = float(residual @ residual), jacobian.T @ residual, jacobian.T @ jacobian
+        diagonal = np.diagonal(normal)
+        step = -np.linalg.solve(normal + np.diag(damping * diagonal + 1e-15 * diagonal.max()), gradient)
         moved = np.eye(4)
         moved[:3, :3] = cv2.Rodrigues(step[:3])[0] @ pose[:3, :3]
         moved[:3, 3] = pose[:3, 3] + step[3:6]
         new_scale = scale + (float(step[6]) if free else 0.0)
         after = _residual(given, moved, new_scale, free)
-        if after is not None and after[0] @ after[0] <= residual @ residual:
-            pose, scale, now, damping = moved, new_scale, after, max(damping / 10, 1e-15)
-            if np.abs(step[:3]).max() < SMALLEST_STEP and np.abs(step[3:6]).max() < SMALLEST_STEP * abs(pose[2, 3]):
-                break
-        else:
+        if after is None or after[0] @ after[0] > chi2:
             damping *= 10
-            if damping > 1e6:
+            if damping > 1e6 or np.abs(step[:3]).max() < LEAST_TURN:
                 break
+            continue
+        pose, scale, now, damping = moved, new_scale, after, max(damping / 10, 1e-15)
+        # What a step promises, and what it kept: at the minimum both are rounding.
+        if -step @ gradient < LEAST_DECREASE * chi2 or np.abs(step[:3]).max() < LEAST_TURN:
+            break
     return PlanePose(pose, float(now[0] @ now[0]), now[1].T @ now[1], scale)
 
 
