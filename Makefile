@@ -12,7 +12,7 @@ PACKAGES = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env fuzz fuzz-env clean distclean
+.PHONY: help env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env league fuzz fuzz-env clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -94,6 +94,10 @@ docs: env ## the documentation site: out/docs/index.html
 	    $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[docs]'
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
 	@echo "out/docs/index.html"
+
+league: env ## every related system on the same images (make peers-env first): out/league, and its page in docs/league
+	$(BIN)/roundel league run out/league
+	$(BIN)/python docs/league/make.py out/league/league
 
 fuzz: env ## fuzz the entrances to images and photographs for FUZZ_SECONDS in all
 	$(BIN)/python fuzz/run.py --seconds $(FUZZ_SECONDS)
