@@ -55,7 +55,7 @@ CATALOGUE: tuple[Listed, ...] = (
     ),
     _related(
         "wu2004",
-        "disc ring rings coded_rings two_discs dot_ring",
+        "disc ring rings coded_rings ring_code two_discs dot_ring",
         "both normals of a circle; of two or more, the most parallel",
         "poses",
         "Wu, Chen, Wada, Conic-based algorithm for visual line estimation from one image, FG 2004",
@@ -69,7 +69,7 @@ CATALOGUE: tuple[Listed, ...] = (
     ),
     _related(
         "kim2005",
-        "ring rings coded_rings",
+        "ring rings coded_rings ring_code",
         "two concentric circles: centre, vanishing line, then a joint fit",
         "focal length, pose",
         "Kim, Gurdjos, Kweon, Geometric and algebraic constraints of projected concentric circles, PAMI 27(4) 2005",
@@ -83,7 +83,7 @@ CATALOGUE: tuple[Listed, ...] = (
     ),
     _related(
         "huang2015",
-        "ring rings coded_rings",
+        "ring rings coded_rings ring_code",
         "two concentric circles in three views or more: common self-polar triangles, then a joint fit",
         "focal length, pose",
         "Huang, Zhang, Cheung, The common self-polar triangle of concentric circles, CVPR 2015",
@@ -118,7 +118,7 @@ CATALOGUE: tuple[Listed, ...] = (
     ),
     _related(
         "szpak2015",
-        "disc ring rings coded_rings two_discs dot_ring",
+        "disc ring rings coded_rings ring_code two_discs dot_ring",
         "guaranteed ellipse of the edge points, by Sampson distances",
         "ellipses, both poses",
         "Szpak, Chojnacki, van den Hengel, Guaranteed ellipse fitting with a confidence region, JMIV 52, 2015",

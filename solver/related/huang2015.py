@@ -148,7 +148,7 @@ def calibration_of_views(outer: ArrayLike, inner: ArrayLike, tolerance: float = 
 
 def find(view: View) -> list[Found]:
     """Focal length from this view and its companions, and the pose of the marker in this one."""
-    require_kind(view, "ring", "rings", "coded_rings")
+    require_kind(view, "ring", "rings", "coded_rings", "ring_code")
     own = _pair_of(view)
     if own is None:
         return []

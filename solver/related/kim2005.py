@@ -150,7 +150,7 @@ def focal_of_concentric(
 
 def find(view: View) -> list[Found]:
     """Focal length and pose of each pair of concentric circles: the outer one, and the inner one that tells most."""
-    require_kind(view, "ring", "rings", "coded_rings")
+    require_kind(view, "ring", "rings", "coded_rings", "ring_code")
     circles = circles_of_view(view, inner=True)
     if not circles:
         return []
@@ -217,6 +217,7 @@ def _refuse_ratio(view: View, ratio: float) -> None:
         if "inner_diameter_m" in layout:
             printed.append(layout["inner_diameter_m"] / marker["diameter_m"])
         printed += [d / marker["diameter_m"] for d in layout.get("diameters_m", [])[1:]]
+        printed += layout.get("radii", [])[1:]
         printed += [layout[key] for key in ("disc", "code_from", "code_to", "ring_from") if key in layout]
     if printed and min(abs(ratio - p) for p in printed) > _RATIO_TOLERANCE:
         raise MethodFailure(

@@ -155,9 +155,12 @@ def focal_of_homographies(homographies: ArrayLike, K: ArrayLike) -> float:
 def find(view: View) -> list[Found]:
     """Focal length from this view and its companions, and the pose of each dot in this one."""
     own = _dots_of(view)
-    if own is None:
-        raise MethodFailure("it reads dot_ring: dots of known places, all of them visible")
-    homographies = [own[0], *(dots[0] for other in view.companions() if (dots := _dots_of(other)) is not None)]
+    homographies = [own[0]]
+    for other in view.companions():
+        try:
+            homographies.append(_dots_of(other)[0])
+        except MethodFailure:
+            continue  # a view that shows no ring of dots tells nothing
     _refuse_few(len(homographies), MethodFailure)
     measured = shared_focal(homographies, view.camera.K)
     if measured is not None and not measured.sigma <= LARGEST_SIGMA:
@@ -227,17 +230,22 @@ def _form(a: Array, b: Array) -> Array:
     return np.array([a[i] * b[j] + (a[j] * b[i] if i != j else 0.0) for i, j in _PAIRS])
 
 
-def _dots_of(view: View) -> tuple[PlaneHomography, list[CircleImage], Array] | None:
-    """The homography of a view's ring of dots, its dots, and their places in the plane (n, 2); None without one."""
-    layouts = [
-        m["layout"] for m in view.markers if "dots" in (m.get("layout") or {}) and "ring_diameter_m" in m["layout"]
-    ]
-    if not layouts:
-        return None
-    count, radius = int(layouts[0]["dots"]), float(layouts[0]["ring_diameter_m"]) / 2
+def _dots_of(view: View) -> tuple[PlaneHomography, list[CircleImage], Array]:
+    """The homography of a view's ring of dots, its dots, and their places in the plane (n, 2).
+
+    Raises
+    ------
+    MethodFailure
+        If no ring of dots is printed, or not all of its dots are found.
+    """
+    printed = [marker for marker in view.markers if "ring_diameter_m" in (marker.get("layout") or {})]
+    if not printed:
+        raise MethodFailure("it reads dot_ring, dots at known places; none is printed")
+    layout = printed[0]["layout"]
+    count, radius = int(layout["dots"]), float(layout["ring_diameter_m"]) / 2
     circles = circles_of_view(view)[:count]
-    if len(circles) < count:
-        return None
+    if len(circles) < count or count < 4:
+        raise MethodFailure(f"{len(circles)} of {count} dots of the ring are found; it needs all of four or more")
     ellipses, covs = measurements(circles)
     # Counter-clockwise in the print is counter-clockwise in the image, whose y points down. Which dot is the first does
     # not matter: the ring looks the same from each.
@@ -245,10 +253,10 @@ def _dots_of(view: View) -> tuple[PlaneHomography, list[CircleImage], Array] | N
     order = np.argsort(-np.arctan2(from_middle[:, 1], from_middle[:, 0]))
     angle = 2.0 * np.pi * np.arange(count) / count
     places = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    dot = float(view.markers[0]["diameter_m"]) / 2
+    dot = float(printed[0]["diameter_m"]) / 2
     fit = fit_homography(ellipses[order], covs[order], places, np.full(count, dot))
     if isinstance(fit, FailedFit):
-        return None
+        raise MethodFailure(f"the circles found are not the dots of the ring: {fit.reason}")
     refuse_misfit(fit, "the circles found are not the dots of the ring")
     return fit, [circles[i] for i in order], places
 

@@ -107,7 +107,7 @@ def most_parallel(normals: ArrayLike, tolerance_deg: float = _PARALLEL_DEG) -> P
 
 def find(view: View) -> list[Found]:
     """Both poses of each circle; of several circles in one plane, the parallel ones are chosen."""
-    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "two_discs", "dot_ring")
+    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "disc_with_chessboard")
     circles = circles_of_view(view)
     if not circles:
         return []

@@ -17,7 +17,7 @@ from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal
 from roundel.solver.pose.plane_homography import PlaneHomography
-from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, with_focal
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind, with_focal
 
 Array = NDArray[np.float64]
 
@@ -38,8 +38,9 @@ def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[C
     Raises
     ------
     MethodFailure
-        If fewer than `least` circles are printed, or found.
+        If other things than discs are printed, or fewer than `least` circles are printed, or found.
     """
+    require_kind(view, "disc", "disc_with_tick")
     diameters = [float(m["diameter_m"]) for m in view.markers if m.get("diameter_m")]
     if diameters and len(diameters) < least:
         count = "one circle is" if len(diameters) == 1 else f"{len(diameters)} circles are"

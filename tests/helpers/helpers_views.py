@@ -38,7 +38,7 @@ def view_of(
     image = picture(layers, WIDTH_PX, HEIGHT_PX, noise_dn=noise_dn, seed=seed, subpixels=16)
     k = scene.K.copy()
     k[:2, :2] *= focal_factor
-    diameter = float(markers[0]["diameter_m"]) if markers else 2.0 * float(scene.radii_m[0])
+    diameter = 2.0 * float(scene.radii_m[0])
     return View(
         image,
         Camera(WIDTH_PX, HEIGHT_PX, k),

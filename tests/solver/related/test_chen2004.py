@@ -113,6 +113,11 @@ def test_fewer_circles_than_two_are_refused():
         find(view_of(scene, printed("disc", [0.04])))
 
 
+def test_a_print_of_other_things_is_refused():
+    with pytest.raises(MethodFailure, match="the printed marker is tags"):
+        find(view_of(two_discs(10), [{"marker_id": 0, "kind": "tags", "diameter_m": None, "layout": {}}]))
+
+
 def test_discs_at_different_depths_are_refused():
     """The second disc is nearer by a fifth, on a parallel sheet, and looks like a larger disc of the same sheet."""
     scene = two_discs(11)

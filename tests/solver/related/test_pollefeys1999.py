@@ -6,6 +6,7 @@ from helpers_circles import circle_scene
 from helpers_views import printed, view_of
 from scipy.spatial.transform import Rotation
 
+from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
 from roundel.solver.related.pollefeys1999 import (
@@ -146,5 +147,15 @@ def test_a_view_alone_and_a_print_without_dots_are_refused():
     scene = dots(np.random.default_rng(9))
     with pytest.raises(MethodFailure, match="there are 1"):
         find(view_of(scene, RING))
-    with pytest.raises(MethodFailure, match="reads dot_ring"):
+    with pytest.raises(MethodFailure, match="reads dot_ring, dots at known places; none is printed"):
         find(view_of(scene, printed("disc", [0.02])))
+    with pytest.raises(MethodFailure, match="6 of 8 dots of the ring are found"):
+        find(view_of(scene, printed("disc", [0.02] * 8, dots=8, ring_diameter_m=0.06)))
+
+
+def test_circles_that_are_no_ring_of_dots_are_refused():
+    scene = dots(np.random.default_rng(10))
+    scene.poses[2, :3, 3] += 0.005 * scene.poses[2, :3, 0]
+    scene.conics[2] = conic_of_circle(scene.poses[2], 0.01, scene.K)
+    with pytest.raises(MethodFailure, match="are not the dots of the ring"):
+        find(view_of(scene, RING))
