@@ -115,7 +115,7 @@ def _dot_code(section: sections.DotCodeSection, ink: float, paper: float) -> _Pr
         dots = section.diameter_m / 2 * dots_of(int(section.id))
     except ValueError as error:
         raise ValueError(f"marker.id: {error}") from error
-    shapes = [Disc(*(float(v) for v in dot), ink) for dot in dots]
+    shapes = [Disc(float(x), float(y), float(r), ink) for x, y, r in dots]
     x, y, r = dots.T
     gaps = np.hypot(x[:, None] - x, y[:, None] - y) - r[:, None] - r + np.diag(np.full(len(dots), np.inf))
     part = Part(0, "dot_code", 0.0, 0.0, section.diameter_m / 2, {"id": int(section.id)}, inked=False)

@@ -33,7 +33,7 @@ from roundel.scenes.markers.dot_codes import (
     SECTORS,
     dot_code_words,
     dot_places,
-    dots_of,
+    inked_places,
 )
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.views.circles_of_view import require_kind
@@ -65,7 +65,6 @@ _UNSURE = 0.12  # around it a place is an erasure
 # Twice the errors plus the erasures; below the
 # distance 5 of the code the nearest word is unique; up to 2 it is almost surely right.
 _MOST_DAMAGE = 2
-_LEFT, _NOISES = 0.10, 2.0  # largest residual: of the contrast, plus the image's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +202,7 @@ def _homography(plane: Array, image: Array) -> Array | None:
     return np.asarray(back @ np.append(solution, 1.0).reshape(3, 3))
 
 
-def decode(present: Array, unsure: NDArray[np.bool_]) -> tuple[int, int, int] | None:
+def decode(present: NDArray[np.bool_], unsure: NDArray[np.bool_]) -> tuple[int, int, int] | None:
     """Identity, sectors by which the word is turned, and damage, from the 22 places; None if no word is near enough.
 
     Parameters
@@ -234,8 +233,8 @@ def presence(pixels: Pixels, matrix: Array, places: Array, variance: float) -> A
     columns = np.concatenate([ground, -covered], axis=1)
     levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]
     depth = levels[3:]
-    # Both kinds of places occur in every word: the upper ones of the sorted depths are dots.
-    full = float(np.median(np.sort(depth)[-8:]))
+    # Every word has eleven dots or more, dark or light: the largest depths are those of dots.
+    full = float(np.median(depth[np.argsort(np.abs(depth))[-8:]]))
     return np.asarray(depth / full if full != 0 else depth)
 
 
@@ -275,7 +274,7 @@ def homography_of_dots(centres_px: Array, dots: Array, start: Array) -> Array | 
         delta, _, rank, _ = np.linalg.lstsq(rates, left, rcond=1e-10)
         if rank < 8 or not np.all(np.isfinite(delta)) or np.abs(delta).max() > 0.5:
             return None
-        matrix = moved(matrix, delta)
+        matrix = moved(matrix, np.asarray(delta, dtype=np.float64))
         matrix = matrix / matrix[2, 2]
         if np.abs(delta).max() < _SETTLED:
             return np.asarray(matrix)
@@ -290,6 +289,17 @@ def _ellipse_centres(matrix: Array, dots: Array) -> Array:
     about -= np.einsum("ni,nj->nij", *(np.stack([x, y, np.ones_like(x)], axis=1),) * 2)
     dual = matrix @ about @ matrix.T
     return np.asarray(dual[:, :2, 2] / dual[:, 2, 2, None])
+
+
+def _away_from(pixels: Pixels, matrix: Array, places: Array) -> Pixels:
+    """The pixels that see none of some places, with half a dot's radius around them."""
+    if not len(places):
+        return pixels
+    rays = np.column_stack([pixels.places, np.ones(len(pixels.places))]) @ np.linalg.inv(matrix).T
+    plane = rays[:, :2] / rays[:, 2:]
+    distance = np.linalg.norm(plane[:, None] - places[None, :, :2], axis=2)
+    keep = np.all(distance > 1.5 * places[:, 2], axis=1)
+    return Pixels(pixels.places[keep], pixels.values[keep])
 
 
 def _turned(matrix: Array, sectors: int) -> Array:
@@ -320,14 +330,20 @@ def read_dots(image: LightImage, blobs: Blobs) -> DotReading | str:
         corrected = homography_of_dots(blobs.centre[here], places[there], matrix)
         if corrected is None:
             continue
-        read = decode(*_told(presence(pixels, corrected, places, variance)))
+        present, unsure = _told(presence(pixels, corrected, places, variance))
+        read = decode(present, unsure)
         if read is None:
             reason = "the dots' code is no word of the bank"
             continue
         identity, turn, damage = read
-        dots = dots_of(identity)
-        fit = fit_pattern(pixels, _turned(corrected, turn), dots, np.ones(len(dots)), variance, turns=True)
-        if fit is None or fit.noise_dn > _LEFT * abs(fit.contrast_dn) + _NOISES * image.noise_dn:
+        # From the sectors as they were found to those of the word.
+        present, unsure = (np.roll(v.reshape(2, SECTORS), -turn, axis=1).ravel() for v in (present, unsure))
+        word = inked_places(dot_code_words()[identity])
+        bad = unsure | (present != word)
+        matrix, dots = _turned(corrected, turn), places[word & ~bad]
+        pixels = _away_from(pixels, matrix, places[bad])
+        fit = fit_pattern(pixels, matrix, dots, np.ones(len(dots)), variance, turns=True)
+        if fit is None or not fit.describes(image.noise_dn):
             reason = "the dots are not as they are printed"
             continue
         return DotReading(identity, fit.homography, damage, here)
@@ -344,14 +360,15 @@ def find(view: View) -> list[Found]:
     """
     require_kind(view, *KINDS)
     image = light_image(view)
-    blobs = ink_blobs(image.levels, image.noise_dn)
-    out: list[Found] = []
-    while True:
-        read = read_dots(image, blobs)
-        if isinstance(read, str):
-            if not out:
-                raise MethodFailure(f"no dot code is read: {read}")
+    reasons: list[str] = []
+    for light in (False, True):
+        blobs = ink_blobs(image.levels, image.noise_dn, light)
+        out: list[Found] = []
+        while isinstance(read := read_dots(image, blobs), DotReading):
+            out.append(found_of(view, read.homography, read.identity, 1.0 - read.damage / LEAST_DISTANCE))
+            left = np.setdiff1d(np.arange(len(blobs.centre)), read.dots)
+            blobs = Blobs(blobs.centre[left], blobs.spread[left], blobs.variance[left])
+        if out:
             return out
-        out.append(found_of(view, read.homography, read.identity, 1.0 - read.damage / LEAST_DISTANCE))
-        left = np.setdiff1d(np.arange(len(blobs.centre)), read.dots)
-        blobs = Blobs(blobs.centre[left], blobs.spread[left], blobs.variance[left])
+        reasons.append(read)
+    raise MethodFailure(f"no dot code is read: {reasons[0]}")

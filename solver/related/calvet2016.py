@@ -43,10 +43,7 @@ _GRID = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])  # centres tried, in semi-axes
 _ROUNDS = 12
 _REACH = 1.12  # of the pixels that are compared, in outer radii
 _LEAST_CONFIDENCE = 0.2
-# Log-likelihood by which the best word must beat every other, and the residual that it may leave: of the contrast,
-# plus the image's noise. A profile that is one cell off somewhere leaves a quarter of the contrast there.
-_DECISIVE = 20.0
-_LEFT, _NOISES = 0.10, 2.0
+_DECISIVE = 20.0  # log-likelihood by which the best word must beat every other
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +163,7 @@ def read_crowns(image: LightImage, conic: Array, variance: float) -> RingReading
     discs = np.stack([np.zeros(len(radii)), np.zeros(len(radii)), radii], axis=1)
     weights = np.where(np.arange(len(radii)) % 2 == 0, 1.0, -1.0)
     fit = fit_pattern(pixels, matrix, discs, weights, variance, turns=False)
-    if fit is None or fit.noise_dn > _LEFT * abs(fit.contrast_dn) + _NOISES * image.noise_dn:
+    if fit is None or not fit.describes(image.noise_dn):
         return "the widths of the crowns are those of no identity of the bank"
     return RingReading(identity, fit)
 

@@ -62,8 +62,8 @@ def coverage_of(places: Array, matrix: Array, discs: Array, variance: float) -> 
     """
     n, j = len(places), len(discs)
     out = Coverage(np.zeros((n, j)), np.zeros((n, j, 2)), np.zeros((n, j)), np.zeros((n, j, 8)))
-    inverse = np.linalg.inv(matrix)
-    rays = np.concatenate([places, np.ones((n, 1))], axis=1) @ inverse.T
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    rays: Array = np.concatenate([places, np.ones((n, 1))], axis=1) @ inverse.T
     plane = rays[:, :2] / rays[:, 2:]
     total = math.sqrt(variance + PIXEL_VARIANCE)
     reach = _REACH_SIGMAS * total + 1.0
@@ -78,7 +78,7 @@ def coverage_of(places: Array, matrix: Array, discs: Array, variance: float) -> 
             near = np.flatnonzero((rho - disc[2]) * narrow < 1.3 * reach)
             made = _small(places[near], matrix, disc, variance, wide)
         else:
-            made = _edge(plane[near], rays[near, 2], inverse, disc, variance)
+            made = _edge(plane[near], np.asarray(rays[near, 2]), inverse, disc, variance)
         out.covered[near, k], out.by_shift[near, k], out.by_variance[near, k], out.by_generator[near, k] = made
     return out
 
@@ -106,7 +106,8 @@ def _edge(plane: Array, weight: Array, inverse: Array, disc: Array, variance: fl
     turned = slope[:, 1] * out[:, :1] - slope[:, 0] * out[:, 1:]
     along_normal = np.sum(turned * normal, axis=1)
     along_edge = turned[:, 1] * normal[:, 0] - turned[:, 0] * normal[:, 1]
-    distance = q + 0.5 * q**2 * along_normal**2 / (rho * length)
+    # Toward the middle of a disc the curvature of the level sets grows without bound, and nothing depends on it.
+    distance = q + 0.5 * q**2 * along_normal**2 / (np.maximum(rho, disc[2] / 2) * length)
     curvature = along_edge**2 / (disc[2] * length)
     z, dz = curved_distance(distance, curvature, np.zeros_like(distance), variance + PIXEL_VARIANCE)
     nx, ny = np.abs(normal).T

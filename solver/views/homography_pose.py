@@ -201,7 +201,7 @@ def _rotation(vector: Array) -> Array:
     x, y, z = vector
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-8:
-        return np.eye(3) + cross + cross @ cross / 2
+        return np.asarray(np.eye(3) + cross + cross @ cross / 2)
     return np.asarray(np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * cross @ cross)
 
 
@@ -291,8 +291,8 @@ def poses_of_homography(measured: MeasuredHomography, K: Array) -> list[PlanePos
     Returns
     -------
     list of PlanePose
-        The minima reached from both poses of the outer circle. A `chi2` of the second that is hardly larger says that
-        the measurement cannot tell them apart.
+        The minima reached from both poses of the outer circle, which may be one. Where they are two, a `chi2` of the
+        second that is hardly larger says that the measurement cannot tell them apart.
     """
     problem = _Problem(measured, K)
     found = [problem.best(state, False) for state in _starts(measured, K, float(K[0, 0]))]

@@ -77,7 +77,7 @@ def ink_blobs(levels: Array, noise_dn: float, light: bool = False) -> Blobs:
                 continue
             if x == 0 or y == 0 or x + w == image.shape[1] or y + h == image.shape[0]:
                 continue
-            blob = _moments(image, labels, k, (x, y, w, h))
+            blob = _moments(image, np.asarray(labels, dtype=np.int32), k, (x, y, w, h))
             if blob is not None and all(np.hypot(*(blob[0] - c)) > 1.0 for c, _, _ in kept):
                 kept.append(blob)
     if not kept:
