@@ -39,6 +39,8 @@ _INNER, _OUTER = 0.04, 1.06  # of the compared ring of the plane, outer radii
 _LEAST_CONFIDENCE = 0.2
 _LEAST_CORRELATION = 0.7
 _DECISIVE = 5.0  # log-likelihood: odds of 150
+# The true pose leaves a residual, too, of resampling and blur: a difference of less than a twentieth of it is nothing.
+_DIFFERENT = math.log(1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +188,8 @@ def compared(levels: Array, prints: list[Expected], blur: float) -> Comparison:
 
 def _log_odds(better: float, worse: float, count: float) -> float:
     """Log-likelihood ratio of two correlations with a print: residuals are 1 - correlation^2."""
-    return 0.5 * count * math.log(max(1 - worse**2, 1e-9) / max(1 - better**2, 1e-9))
+    ratio = math.log(max(1 - worse**2, 1e-9) / max(1 - better**2, 1e-9))
+    return 0.5 * count * ratio if ratio > _DIFFERENT else 0.0
 
 
 def choose_pose(image: LightImage, circle: CircleImage, view: View, prints: list[Expected]) -> Found | str:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,15 +154,20 @@ def homography_of(conic: Array, centre_px: Array) -> Array:
 
 def coordinates(matrix: Array, other: Array, turns: bool) -> Array:
     """Coordinates of `other` about `matrix`, (8,) or (7,): without `turns` it is turned in the plane to fit first."""
-    between = np.linalg.solve(matrix, other)
-    between = between / between[2, 2]
-    if not turns:
-        angle = math.atan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
-        c, s = math.cos(angle), math.sin(angle)
-        between = between @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    (a, b, tx), (c, d, ty), (px, py, _) = between
-    out = np.array([tx, ty, (a + d) / 2 - 1, (a - d) / 2, (b + c) / 2, px, py, (c - b) / 2])
-    return out if turns else out[:ROTATION]
+    return _coordinates(np.linalg.solve(matrix, other), turns)
+
+
+def _coordinates(between: Array, turns: bool) -> Array:
+    """Coordinates of H0^-1 H, in plain floats: arrays of three numbers would take ten times as long."""
+    (a, b, tx), (c, d, ty), (px, py, w) = between.tolist()
+    a, b, c, d, tx, ty, px, py = (v / w for v in (a, b, c, d, tx, ty, px, py))
+    if turns:
+        return np.array([tx, ty, (a + d) / 2 - 1, (a - d) / 2, (b + c) / 2, px, py, (c - b) / 2])
+    length = math.hypot(c - b, a + d)
+    cos, sin = (a + d) / length, (c - b) / length
+    a, b, c, d = a * cos - b * sin, a * sin + b * cos, c * cos - d * sin, c * sin + d * cos
+    px, py = px * cos - py * sin, px * sin + py * cos
+    return np.array([tx, ty, (a + d) / 2 - 1, (a - d) / 2, (b + c) / 2, px, py])
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,17 +177,13 @@ class _State:
     origin: Array
     u: float
 
-    def matrix(self, camera: Array) -> Array:
-        s, r = self.scale, self.rotation
-        # u in units of 1 / fx: the ratio of fy to fx stays in the camera.
-        h = np.array(
-            [
-                [s * r[0, 0], s * r[0, 1], self.origin[0]],
-                [s * r[1, 0], s * r[1, 1], self.origin[1]],
-                [s * self.u * r[2, 0], s * self.u * r[2, 1], 1.0],
-            ]
-        )
-        return np.asarray(camera @ h)
+    def matrix(self) -> Array:
+        """The homography but for the camera without its focal length, see `_axes`."""
+        out = np.empty((3, 3))
+        out[:, :2] = self.scale * self.rotation[:, :2]
+        out[2] *= self.u
+        out[:2, 2], out[2, 2] = self.origin, 1.0
+        return out
 
     def moved(self, step: Array, turns: bool) -> _State:
         turned = np.array([step[0], step[1], step[5] if turns else 0.0])
@@ -197,8 +198,8 @@ class _State:
 
 
 def _rotation(vector: Array) -> Array:
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
+    x, y, z = vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     if angle < 1e-8:
         return np.asarray(np.eye(3) + cross + cross @ cross / 2)
@@ -216,15 +217,14 @@ class _Problem:
     """Least squares of a measured homography: residuals of unit variance."""
 
     def __init__(self, measured: MeasuredHomography, K: Array) -> None:
-        self.measured, self.camera, self.turns = measured, _axes(K), measured.turns
+        self.turns = measured.turns
+        self.from_camera = np.linalg.solve(measured.matrix, _axes(K))
         scale = np.sqrt(np.diag(measured.cov))
         factor = np.linalg.cholesky(measured.cov / np.outer(scale, scale))
         self.whiten = np.linalg.inv(factor) / scale
 
     def residual(self, state: _State) -> Array:
-        return np.asarray(
-            self.whiten @ coordinates(self.measured.matrix, state.matrix(self.camera), self.turns), dtype=np.float64
-        )
+        return np.asarray(self.whiten @ _coordinates(self.from_camera @ state.matrix(), self.turns), dtype=np.float64)
 
     def best(self, state: _State, free_focal: bool, settled_at: float = _SETTLED) -> tuple[_State, float]:
         """Levenberg-Marquardt from a state to steps below `settled_at`; with `free_focal` u is a parameter, too."""
@@ -235,13 +235,9 @@ class _Problem:
         residual = self.residual(state)
         damping = 1e-4
         for _ in range(_STEPS):
-            columns = []
-            for k in range(size):
-                nudge = np.zeros(size)
-                nudge[k] = 1e-6 * unit[k]
-                ahead, behind = (self.residual(state.moved(sign * nudge, self.turns)) for sign in (1, -1))
-                columns.append((ahead - behind) / 2e-6)
-            jacobian = np.stack(columns, axis=1)
+            steps = 1e-6 * np.diag(unit)
+            ahead = np.stack([self.residual(state.moved(step, self.turns)) for step in steps], axis=1)
+            jacobian = (ahead - residual[:, None]) / 1e-6
             normal, lean = jacobian.T @ jacobian, jacobian.T @ residual
             settled = False
             for _ in range(12):
@@ -320,9 +316,9 @@ def focal_of_homography(measured: MeasuredHomography, K: Array, width_px: int) -
     problem = _Problem(measured, K)
     low, high = 1.0 / (_LONGEST * width_px), 1.0 / (_SHORTEST * width_px)
 
-    def at(u: float, *more: _State) -> tuple[float, _State]:
+    def at(u: float) -> tuple[float, _State]:
         """chi2 for one u, and the pose there."""
-        tried = [problem.best(start, False, _ROUGHLY) for start in (*_starts(measured, K, 1.0 / u), *more)]
+        tried = [problem.best(start, False, _ROUGHLY) for start in _starts(measured, K, 1.0 / u)]
         return min(((chi2, state) for state, chi2 in tried), key=lambda pair: pair[0])
 
     grid = [at(float(u)) for u in np.geomspace(low, high, _GRID)]
@@ -331,7 +327,7 @@ def focal_of_homography(measured: MeasuredHomography, K: Array, width_px: int) -
         return None
 
     def above(u: float) -> float:
-        return at(u, replace(best, u=u))[0] - least - _CHI2_95
+        return at(u)[0] - least - _CHI2_95
 
     if above(low) <= 0 or above(high) <= 0:
         return None
