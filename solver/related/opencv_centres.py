@@ -28,17 +28,18 @@ def blobs(view: View) -> list[Found]:
 
 
 def circles_grid(view: View) -> list[Found]:
-    """Centres of a rectangular grid of dots by `cv2.findCirclesGrid`.
+    """Centres of a grid of dots by `cv2.findCirclesGrid`.
 
-    The grid's size is read from the layout of the printed marker (`columns`, `rows`).
+    The grid's size is read from the layout of the printed marker (`columns`, `rows`, and `layout`, which says whether
+    it is asymmetric).
     """
     grey = view.grey
-    sizes = {(m["layout"]["columns"], m["layout"]["rows"]) for m in view.markers if _is_grid(m.get("layout"))}
+    layouts = [m["layout"] for m in view.markers if _is_grid(m.get("layout"))]
+    sizes = {(d["columns"], d["rows"], d.get("layout") == "asymmetric") for d in layouts}
     out: list[Found] = []
-    for size in sorted(sizes):
-        found, centres = cv2.findCirclesGrid(
-            grey, size, flags=cv2.CALIB_CB_SYMMETRIC_GRID, blobDetector=_detector(grey)
-        )
+    for columns, rows, asymmetric in sorted(sizes):
+        flag = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+        found, centres = cv2.findCirclesGrid(grey, (columns, rows), flags=flag, blobDetector=_detector(grey))
         if found:
             out += [Found(centre_px=centre) for centre in np.reshape(centres, (-1, 2))]
     return out
