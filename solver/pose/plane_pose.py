@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 ITERATIONS = 50
 # The iteration ends when a step promises to lower chi^2 by less than this part of it, or turns by less than this angle
-# (rad): the residuals are then rounding.
-LEAST_DECREASE, LEAST_TURN = 1e-14, 1e-13
+# (rad) and moves by less than this part of the distance: the residuals are then rounding.
+LEAST_DECREASE, LEAST_STEP = 1e-14, 1e-13
 # Two minima closer than this are one.
 SAME_POSE_DEG = 1e-3
 
@@ -147,6 +147,7 @@ def refined_pose(given: PlanePoints, start: Array, log_scale: float = 0.0, free:
         chi2, gradient, normal = float(residual @ residual), jacobian.T @ residual, jacobian.T @ jacobian
         diagonal = np.diagonal(normal)
         step = -np.linalg.solve(normal + np.diag(damping * diagonal + 1e-15 * diagonal.max()), gradient)
+        still = max(np.abs(step[:3]).max(), np.abs(step[3:6]).max() / pose[2, 3]) < LEAST_STEP
         moved = np.eye(4)
         moved[:3, :3] = cv2.Rodrigues(step[:3])[0] @ pose[:3, :3]
         moved[:3, 3] = pose[:3, 3] + step[3:6]
@@ -154,12 +155,12 @@ def refined_pose(given: PlanePoints, start: Array, log_scale: float = 0.0, free:
         after = _residual(given, moved, new_scale, free)
         if after is None or after[0] @ after[0] > chi2:
             damping *= 10
-            if damping > 1e6 or np.abs(step[:3]).max() < LEAST_TURN:
+            if damping > 1e6 or still:
                 break
             continue
         pose, scale, now, damping = moved, new_scale, after, max(damping / 10, 1e-15)
         # What a step promises, and what it kept: at the minimum both are rounding.
-        if -step @ gradient < LEAST_DECREASE * chi2 or np.abs(step[:3]).max() < LEAST_TURN:
+        if -step @ gradient < LEAST_DECREASE * chi2 or still:
             break
     return PlanePose(pose, float(now[0] @ now[0]), now[1].T @ now[1], scale)
 
