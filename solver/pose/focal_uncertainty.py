@@ -79,7 +79,7 @@ def profiled_focal(chi2: Callable[[float], float], start: float, step: float) ->
     MeasuredFocal or None
         None if chi2 has no minimum, or none that bounds log f to within one.
     """
-    from scipy.optimize import brentq, minimize_scalar
+    from scipy.optimize import minimize_scalar
 
     step = min(max(step, 1e-6), 0.5)
     low, high = start - 3.0 * step, start + 3.0 * step
@@ -89,15 +89,37 @@ def profiled_focal(chi2: Callable[[float], float], start: float, step: float) ->
         if high - low > 4.0 * _LARGEST or not math.isfinite(float(found.fun)):
             return None
         found = minimize_scalar(chi2, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step})
-    best, least = float(found.x), float(found.fun)
+    sigma = profile_sigma(chi2, float(found.x), float(found.fun), step)
+    return None if sigma is None else MeasuredFocal(math.exp(float(found.x)), sigma)
+
+
+def profile_sigma(chi2: Callable[[float], float], best: float, least: float, step: float) -> float | None:
+    """Standard deviation of log f whose 95 % interval reaches as far as the farther end of that of chi2.
+
+    Parameters
+    ----------
+    chi2 : callable
+        log f to the least sum of squares of all other unknowns.
+    best, least : float
+        Where it is least, and how large it is there.
+    step : float
+        An estimate of the standard deviation.
+
+    Returns
+    -------
+    float or None
+        None if chi2 does not bound log f to within one.
+    """
+    from scipy.optimize import brentq
+
     widest, rise = 0.0, QUANTILE**2
     for side in (-1.0, 1.0):
-        reach = QUANTILE * step
+        reach = QUANTILE * min(max(step, 1e-9), _LARGEST)
         while chi2(best + side * reach) - least < rise:
-            reach *= 2.0
-            if reach > QUANTILE * _LARGEST:
+            if reach >= QUANTILE * _LARGEST:
                 return None
+            reach = min(2.0 * reach, QUANTILE * _LARGEST)
         widest = max(
             widest, brentq(lambda r, s=side: min(chi2(best + s * r) - least, 1e3) - rise, 0.0, reach, rtol=0.02)
         )
-    return MeasuredFocal(math.exp(best), widest / QUANTILE)
+    return widest / QUANTILE

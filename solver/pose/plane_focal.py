@@ -19,16 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from roundel.solver.pose.focal_uncertainty import profile_sigma
 from roundel.solver.pose.plane_pose import PlanePoints, PlanePose, normalised, plane_poses, refined_pose
 
 Array = NDArray[np.float64]
 
-# Rise of chi^2 at the ends of a 95 % interval, and the standard deviations it has.
-RISE_95, SIGMAS_95 = 3.8415, 1.96
-# A focal length whose interval reaches farther than this (in logarithm) is not bounded by the view.
-LARGEST_LOG = 1.5
-# The end of an interval is found to this part of it.
-END_TOLERANCE = 0.03
 # Logarithms of focal lengths over the camera's from which a fit starts if the closed form's has failed or exceeds its
 # degrees of freedom by more than WELL_FITTED (a chance of 1 in 3,000 for a square); none farther than FARTHEST_LOG.
 OTHER_STARTS, WELL_FITTED, FARTHEST_LOG = (-0.7, 0.0, 0.7), 12.0, 5.0
@@ -107,10 +102,9 @@ def focal_from_plane(given: PlanePoints, square: bool = False) -> PlaneFocal:
     best = _best_fit(given, square)
     if best is None:
         raise ValueError(FRONTO_PARALLEL)
-    ends = [_end_of_interval(given, best, side, square) for side in (-1, 1)]
-    if not all(np.isfinite(ends)):
+    sigma = _log_sigma(given, best, square)
+    if sigma is None:
         raise ValueError(FRONTO_PARALLEL)
-    sigma = max(abs(end - best.log_scale) for end in ends) / SIGMAS_95
     focal = float(given.camera.K[0, 0] * np.exp(best.log_scale))
     return PlaneFocal(focal, sigma * focal, best)
 
@@ -134,21 +128,13 @@ def _best_fit(given: PlanePoints, square: bool) -> PlanePose | None:
     return best
 
 
-def _end_of_interval(given: PlanePoints, best: PlanePose, side: int, square: bool) -> float:
-    """Where chi^2, minimised over the pose, has risen by that of 95 %; infinite if nowhere within LARGEST_LOG."""
+def _log_sigma(given: PlanePoints, best: PlanePose, square: bool) -> float | None:
+    """Standard deviation of log f by the profile of chi^2, minimised over the pose; None if it bounds nothing."""
     starts = [best.camera_from_marker, *(p.camera_from_marker for p in plane_poses(given, best.log_scale, square)[1:])]
 
-    def rise(offset: float) -> float:
-        poses = [refined_pose(given, start, best.log_scale + side * offset) for start in starts]
-        return min((pose.chi2 for pose in poses if pose is not None), default=np.inf) - best.chi2 - RISE_95
+    def chi2(log_scale: float) -> float:
+        poses = [refined_pose(given, start, log_scale) for start in starts]
+        return min((pose.chi2 for pose in poses if pose is not None), default=np.inf)
 
-    variance = np.linalg.pinv(best.information, hermitian=True)[6, 6]
-    inner, outer = 0.0, float(np.clip(SIGMAS_95 * np.sqrt(max(variance, 0.0)), 1e-9, LARGEST_LOG))
-    while rise(outer) < 0:
-        inner, outer = outer, 1.5 * outer
-        if outer > LARGEST_LOG:
-            return float("inf")
-    while outer - inner > END_TOLERANCE * outer:
-        middle = 0.5 * (inner + outer)
-        inner, outer = (middle, outer) if rise(middle) < 0 else (inner, middle)
-    return best.log_scale + side * outer
+    variance = float(np.linalg.pinv(best.information, hermitian=True)[6, 6])
+    return profile_sigma(chi2, best.log_scale, best.chi2, np.sqrt(max(variance, 0.0)))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers_planes import SQUARE, PlaneView, pinhole, plane_views
+from helpers_boards import SQUARE, PlaneView, pinhole, plane_views
 
 from roundel.scenes.camera.focal_fusion import fused_focal_px
 from roundel.scenes.camera.model import Camera, project

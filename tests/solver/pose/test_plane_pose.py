@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers_planes import SQUARE, pinhole, plane_views
+from helpers_boards import SQUARE, pinhole, plane_views
 
 from roundel.scenes.camera.model import project
 from roundel.scenes.geometry.pose import angle_deg, transform_points

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers_boards import board_image, board_views
-from helpers_planes import plane_views
+from helpers_boards import board_image, board_views, plane_views
 
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.pose import angle_deg

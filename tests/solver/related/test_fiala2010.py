@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_planes import SQUARE, pinhole, plane_views
+from helpers_boards import SQUARE, pinhole, plane_views
 from helpers_reports import make_dataset
 
 from roundel.datasets.dataset import Dataset
