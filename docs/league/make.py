@@ -23,7 +23,9 @@ def main(league: Path) -> None:
     record = json.loads((league / "league.json").read_text(encoding="utf-8"))
     (HERE / "league.json").write_text(json.dumps(record, separators=(",", ":"), sort_keys=True) + "\n")
     dataset = record["dataset"]
-    print(f"dataset {dataset['dataset_id'][:12]}, {dataset['frames']} frames; left out: {record['left_out']}")
+    sys.stdout.write(
+        f"dataset {dataset['dataset_id'][:12]}, {dataset['frames']} frames; left out: {record['left_out']}\n"
+    )
 
 
 if __name__ == "__main__":

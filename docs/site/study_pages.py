@@ -27,6 +27,11 @@ Schema for editors. Wherever a *value* is asked for, a number or a distribution 
 Keys of a group may stand at the top of the file, where all groups share them, or under `groups: {NAME: ...}`. Units
 are in the keys' names.
 
+| key beside the sections | meaning |
+|---|---|
+| `groups` | groups of frames by name, each with keys that replace the shared ones |
+| `variants` | repeats every group with the keys of each variant over its own, as `GROUP.VARIANT`, on the same draws |
+
 ```yaml
 schema: 1
 name: example

@@ -7,7 +7,7 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.scenes.markers.dot_codes import SECTORS, dot_code_words, dots_of, inked_places
 from roundel.solver.methods.plugin import MethodFailure
 from roundel.solver.related.bergamasco2011 import decode, find, homography_of_dots
-from roundel.solver.related.homography_pose import MeasuredHomography, moved, poses_of_homography
+from roundel.solver.views.homography_pose import MeasuredHomography, moved, poses_of_homography
 
 
 def image_of_dots(discs: np.ndarray, seed: int, **keys: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from roundel.solver.related.calvet2016 import (
     normal_of_line,
     vanishing_line_of,
 )
-from roundel.solver.related.marker_pixels import light_image
+from roundel.solver.views.marker_pixels import light_image
 
 
 def crowns(radii: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m
 from roundel.solver.methods.plugin import MethodFailure, View
 from roundel.solver.related.chessboard import find
-from roundel.solver.related.plane_marker import found_plane
+from roundel.solver.views.plane_marker import found_plane
 
 LAYOUT = BoardLayout(6, 5, 0.016)
 CAMERA = Camera(640, 480, np.array([[600.0, 0, 317.3], [0, 600.0, 242.2], [0, 0, 1.0]]), (-0.1, 0.03, 0.0005, -0.0007))

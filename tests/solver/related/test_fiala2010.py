@@ -16,7 +16,7 @@ from roundel.scenes.geometry.pose import angle_deg, transform_points
 from roundel.solver.detect.quad_edges import refine_quad
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.related.fiala2010 import DICTIONARIES, detected_tags, find, tag_corners_m
-from roundel.solver.related.plane_marker import found_plane
+from roundel.solver.views.plane_marker import found_plane
 from roundel.validate.metrics.ground_truth import poses_of
 
 STUDY = """\

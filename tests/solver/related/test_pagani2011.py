@@ -10,10 +10,10 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.markers.ring_codes import ring_code_radii
 from roundel.solver.methods.plugin import Found, MethodFailure
-from roundel.solver.related.circles_of_view import CircleImage
-from roundel.solver.related.disc_coverage import coverage_of
-from roundel.solver.related.marker_pixels import light_image
 from roundel.solver.related.pagani2011 import choose_pose, expected_prints, find, polar_grid
+from roundel.solver.views.circles_of_view import CircleImage
+from roundel.solver.views.disc_coverage import coverage_of
+from roundel.solver.views.marker_pixels import light_image
 
 ROWS, COLUMNS = np.mgrid[:96, :96]
 PLACES = np.stack([COLUMNS.ravel(), ROWS.ravel()], axis=1).astype(np.float64)

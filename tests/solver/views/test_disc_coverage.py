@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from helpers_prints import drawn, plane_homography, small_view
 
-from roundel.solver.related.disc_coverage import coverage_of
-from roundel.solver.related.homography_pose import moved
+from roundel.solver.views.disc_coverage import coverage_of
+from roundel.solver.views.homography_pose import moved
 
 ROWS, COLUMNS = np.mgrid[:96, :96]
 PLACES = np.stack([COLUMNS.ravel(), ROWS.ravel()], axis=1).astype(np.float64)

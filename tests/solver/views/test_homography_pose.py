@@ -5,7 +5,7 @@ from helpers_prints import plane_homography, plane_view
 from roundel.scenes.camera.focal_fusion import fused_focal_px
 from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
-from roundel.solver.related.homography_pose import (
+from roundel.solver.views.homography_pose import (
     MeasuredHomography,
     coordinates,
     focal_of_homography,
