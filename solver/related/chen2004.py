@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +44,7 @@ Array = NDArray[np.float64]
 # Focal lengths that are searched, in units of the distance from the principal point to the farthest ellipse.
 _SHORTEST, _LONGEST = 0.12, 100.0
 _STEPS = 160
+_STEP = math.log(_LONGEST / _SHORTEST) / (_STEPS - 1)
 _ZOOM = 80  # steps of an interval that is narrowed: calls cost more than poses
 _ROUNDS = 6  # each narrows it to a fortieth: to 1e-11 of log f
 _STEEPEST_DEG = 90.0  # fastest turn of a normal with log f: d tan = tan, so half a radian, for two normals
@@ -99,38 +101,59 @@ def planes_of_circles(
     if c.ndim != 3 or len(c) < 2:
         raise ValueError("two coplanar circles or more are needed; one circle alone does not determine a focal length")
     pp = np.asarray(principal_point, dtype=np.float64)
-    ellipses = ellipse_of_conic(c) - np.array([pp[0], pp[1], 0.0, 0.0, 0.0])
-    size = float(np.max(np.hypot(ellipses[:, 0], ellipses[:, 1]) + ellipses[:, 2]))
-    ellipses = ellipses / np.array([size, size, size, size, 1.0])
-    log_f = np.linspace(math.log(_SHORTEST), math.log(_LONGEST), _STEPS)
-    step = float(log_f[1] - log_f[0])
+    ellipses, size = _scaled(ellipse_of_conic(c) - np.array([pp[0], pp[1], 0.0, 0.0, 0.0]))
     out: list[PlaneOfCircles] = []
-    smallest = math.inf
-    normals = _normals(log_f, ellipses)
-    for first in (0, 1):
-        cost = _spread_deg(normals, first)
-        ends = np.concatenate([[np.inf], cost, [np.inf]])
-        for i in np.flatnonzero((cost <= ends[:-2]) & (cost <= ends[2:])):
-            smallest = min(smallest, float(cost[i]))
-            if cost[i] > _STEEPEST_DEG * step + tolerance_deg:
-                continue
-            best, angle = _narrowed(float(log_f[i]), step, ellipses, first)
-            smallest = min(smallest, angle)
-            if angle > tolerance_deg or any(abs(math.log(o.focal_px / size) - best) < 1e-3 for o in out):
-                continue
-            beside = _cost(best + math.log(_FLAT) * np.array([-1.0, 1.0]), ellipses, first)
-            if float(beside.min()) <= tolerance_deg:
-                raise ValueError(
-                    "the circles are parallel to the image within the tolerance: every focal length explains them; "
-                    "tilt their plane"
-                )
-            out.append(_plane(best, ellipses, first, angle, size, pp))
+    minima = _minima(ellipses)
+    smallest = minima[0].angle_deg
+    for minimum in minima:
+        if minimum.angle_deg > _STEEPEST_DEG * _STEP + tolerance_deg:
+            break
+        best, angle = _narrowed(minimum, ellipses)
+        smallest = min(smallest, angle)
+        if angle > tolerance_deg or any(abs(math.log(o.focal_px / size) - best) < 1e-3 for o in out):
+            continue
+        beside = _cost(best + math.log(_FLAT) * np.array([-1.0, 1.0]), ellipses, minimum.first)
+        if float(beside.min()) <= tolerance_deg:
+            raise ValueError(
+                "the circles are parallel to the image within the tolerance: every focal length explains them; "
+                "tilt their plane"
+            )
+        out.append(_plane(best, ellipses, minimum.first, angle, size, pp))
     if not out:
         raise ValueError(
             f"no focal length makes the circles coplanar: their normals stay {smallest:.2g} degrees apart; they lie in "
             "different planes, or are not circles"
         )
     return sorted(out, key=lambda plane: plane.angle_deg)
+
+
+class _Minimum(NamedTuple):
+    """A minimum of the search, in units of the image's size; `first` is the first circle's normal that it follows."""
+
+    angle_deg: float
+    log_focal: float
+    first: int
+    normal: Array
+
+
+def _scaled(ellipses: Array) -> tuple[Array, float]:
+    """Ellipses in units of the distance from the origin to the farthest one, and that distance."""
+    size = float(np.max(np.hypot(ellipses[:, 0], ellipses[:, 1]) + ellipses[:, 2]))
+    return ellipses / np.array([size, size, size, size, 1.0]), size
+
+
+def _minima(ellipses: Array) -> list[_Minimum]:
+    """The minima of the search on its grid, for both normals of the first circle; the smallest angle first."""
+    log_f = math.log(_SHORTEST) + _STEP * np.arange(_STEPS)
+    normals = _normals(log_f, ellipses)
+    out = []
+    for first in (0, 1):
+        mean, _ = _closest(normals, first)
+        cost = _spread_deg(normals, first)
+        ends = np.concatenate([[np.inf], cost, [np.inf]])
+        lowest = np.flatnonzero((cost <= ends[:-2]) & (cost <= ends[2:]))
+        out += [_Minimum(float(cost[i]), float(log_f[i]), first, mean[i]) for i in lowest]
+    return sorted(out, key=lambda minimum: minimum.angle_deg)
 
 
 def _normals(log_f: Array, ellipses: Array) -> Array:
@@ -164,12 +187,12 @@ def _cost(log_f: Array, ellipses: Array, first: int) -> Array:
     return _spread_deg(_normals(log_f, ellipses), first)
 
 
-def _narrowed(log_f: float, reach: float, ellipses: Array, first: int) -> tuple[float, float]:
-    """Place and value of the least cost within `reach`."""
-    value = math.inf
+def _narrowed(minimum: _Minimum, ellipses: Array) -> tuple[float, float]:
+    """Place and value of the least cost within a step of the grid."""
+    log_f, value, reach = minimum.log_focal, minimum.angle_deg, _STEP
     for _ in range(_ROUNDS):
         trial = log_f + reach * np.linspace(-1.0, 1.0, _ZOOM + 1)
-        cost = _cost(trial, ellipses, first)
+        cost = _cost(trial, ellipses, minimum.first)
         i = int(np.argmin(cost))
         log_f, value, reach = float(trial[i]), float(cost[i]), reach * 2.0 / _ZOOM
     return log_f, value
@@ -204,29 +227,23 @@ def measured_plane(ellipses: ArrayLike, shape_covs: ArrayLike, K: ArrayLike) -> 
     square = np.eye(3)
     square[:2, :2] = k[:2, :2] / k[0, 0]
     moved = ellipse_of_conic(square.T @ conic_of_ellipse(e - np.concatenate([k[:2, 2], np.zeros(3)])) @ square)
-    size = float(np.max(np.hypot(moved[:, 0], moved[:, 1]) + moved[:, 2]))
-    scaled = moved / np.array([size, size, size, size, 1.0])
-    log_f = np.linspace(math.log(_SHORTEST), math.log(_LONGEST), _STEPS)
-    normals = _normals(log_f, scaled)
-    starts: list[tuple[float, float, Array]] = []
-    for first in (0, 1):
-        mean, _ = _closest(normals, first)
-        cost = _spread_deg(normals, first)
-        ends = np.concatenate([[np.inf], cost, [np.inf]])
-        lowest = np.flatnonzero((cost <= ends[:-2]) & (cost <= ends[2:]))
-        starts += [(float(cost[i]), float(log_f[i]), mean[i]) for i in lowest]
+    scaled, size = _scaled(moved)
     best: CoplanarFit | FailedFit = FailedFit("no focal length makes the circles coplanar")
-    for _, at, normal in sorted(starts, key=lambda start: start[0])[:_STARTS]:
+    for minimum in _minima(scaled)[:_STARTS]:
         start_k = k.copy()
-        start_k[:2, :2] *= math.exp(at) * size / k[0, 0]
-        fit = fit_coplanar(e, shape_covs, start_k, normal)
+        start_k[:2, :2] *= math.exp(minimum.log_focal) * size / k[0, 0]
+        fit = fit_coplanar(e, shape_covs, start_k, minimum.normal)
         if not isinstance(fit, FailedFit) and (isinstance(best, FailedFit) or fit.chi2 < best.chi2 - 1e-9):
             best = fit
     return best
 
 
 def find(view: View) -> list[Found]:
-    """Focal length, and a pose of each of two or more coplanar circles."""
+    """Focal length, and a pose of each of two or more coplanar circles.
+
+    Where the image does not determine a focal length (a plane almost parallel to it, circles far away), none is stated,
+    and the poses are those with the view's camera.
+    """
     circles, diameters_m = printed_circles(view, 2)
     ellipses, covs = measurements(circles)
     fit = measured_plane(ellipses, covs, view.camera.K)

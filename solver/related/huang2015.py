@@ -167,22 +167,26 @@ def focal_of_pairs(pairs: Sequence[Sequence[CircleImage]], K: Array) -> Measured
     Raises
     ------
     MethodFailure
-        If circles are not concentric.
+        If the circles of fewer than three pairs are concentric.
     """
     parts, starts = [], []
+    problem = ""
     for pair in pairs:
-        ellipses, covs = measurements(pair)
         try:
+            ellipses, covs = measurements(pair)
             fit = measured_pair(pair, K)
+            if isinstance(fit, FailedFit):
+                raise MethodFailure(fit.reason)
+            refuse_misfit(fit, "the circles are not concentric")
         except ValueError as error:
-            raise MethodFailure(str(error)) from error
-        if isinstance(fit, FailedFit):
+            problem = problem or f": in a view {error}"
             continue
-        refuse_misfit(fit, "the circles are not concentric")
         parts.append((ellipses, covs, fit.normal))
         starts.append((math.log(fit.focal_px), 1.0 / max(fit.focal_sigma, 1e-6) ** 2))
     if len(parts) < LEAST_VIEWS:
-        return None
+        raise MethodFailure(
+            f"{len(parts)} of {len(pairs)} views have concentric circles; it needs {LEAST_VIEWS}{problem}"
+        )
     where, weight = np.array(starts).T
     if not weight.any():
         return None

@@ -33,7 +33,7 @@ _RADIUS_TOLERANCE = 0.03
 
 
 def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[CircleImage], Array]:
-    """The circles of a view, and their printed diameters in metres (n,): as many as are printed, the strongest.
+    """The circles of a view, as many as are printed, the strongest; and their printed diameters (n,), in any order.
 
     Raises
     ------
@@ -58,9 +58,7 @@ def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[C
             f"only {len(circles)} of {len(diameters)} printed circles are found, and their sizes differ: which they "
             "are is not known"
         )
-    # Seen from afar the order of sizes is that of the print; the poses' depths are compared afterwards.
-    areas = [float(circle.ellipse[2] * circle.ellipse[3]) for circle in circles]
-    return [circles[i] for i in np.argsort(areas)], np.sort(diameters)
+    return circles, np.array(diameters)
 
 
 def measurements(circles: Sequence[CircleImage]) -> tuple[Array, Array]:
@@ -128,6 +126,7 @@ def founds_in_plane(
     view : View
     circles : sequence of CircleImage
     diameters_m : (n,) array
+        Of the circles, in any order.
     focal : MeasuredFocal or None
         As measured from this image alone.
     concentric : bool
@@ -143,7 +142,9 @@ def founds_in_plane(
     fit = fit_plane(ellipses, covs, camera.K, concentric)
     if isinstance(fit, FailedFit):
         raise MethodFailure(fit.reason)
-    depth = diameters_m / 2 / fit.radius
+    # Which circle has which diameter follows from the order of the sizes in the plane, not in the image.
+    rank = np.argsort(np.argsort(fit.radius))
+    depth = np.sort(diameters_m)[rank] / 2 / fit.radius
     middle = float(np.median(depth))
     spread = float(np.max(np.abs(depth / middle - 1.0)))
     # A wrong focal length bends the sizes of circles at other depths.
