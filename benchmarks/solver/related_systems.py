@@ -295,7 +295,8 @@ the focal length; of all elements of the calibration matrix over the focal lengt
 
 Diameters of 28 to 330 px (f of 700 to 2000 px, 6 to 25 diameters away), tilts of 12 to 65 degrees; the dots of
 pollefeys1999 are a third as large. *Stated*: the system gives a focal length at all, that is, its sigma of log f is
-at most {largest:.2f}. The prior is normal in log f with 11.5 %.
+at most {largest:.2f}. The prior is normal in log f with 11.5 %. kim2005 and huang2015 add a floor of 0.002 px to each
+covariance, as on images, which is most of it at a noise of 0.02 px.
 
 {noise}
 

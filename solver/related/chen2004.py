@@ -144,7 +144,7 @@ def _scaled(ellipses: Array) -> tuple[Array, float]:
 
 def _minima(ellipses: Array) -> list[_Minimum]:
     """The minima of the search on its grid, for both normals of the first circle; the smallest angle first."""
-    log_f = math.log(_SHORTEST) + _STEP * np.arange(_STEPS)
+    log_f = np.asarray(math.log(_SHORTEST) + _STEP * np.arange(_STEPS), dtype=np.float64)
     normals = _normals(log_f, ellipses)
     out = []
     for first in (0, 1):
@@ -195,6 +195,8 @@ def _narrowed(minimum: _Minimum, ellipses: Array) -> tuple[float, float]:
         cost = _cost(trial, ellipses, minimum.first)
         i = int(np.argmin(cost))
         log_f, value, reach = float(trial[i]), float(cost[i]), reach * 2.0 / _ZOOM
+        if value > _STEEPEST_DEG * reach:
+            break  # it does not come down to zero
     return log_f, value
 
 

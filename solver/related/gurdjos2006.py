@@ -51,6 +51,7 @@ Array = NDArray[np.float64]
 # Relative difference of two eigenvalues that count as one: the root of the rounding of a conic, 1e-16 of 1, is 1e-8.
 _DOUBLE = 1e-7
 _NOISY = 0.3  # tolerance of `spread` for measured circles, whose noise is judged by its effect on the focal length
+_MOST = 8  # circles of which all pairs are used
 _UNIT_PX = 1000.0  # of the order of a focal length, so that the elements of a dual conic are of the same order
 
 
@@ -115,8 +116,10 @@ def circular_points_of_circles(conics: ArrayLike, tolerance: float = 1e-6) -> li
     frame = image_frame(middle, size)
     moved = moved_conic(c, frame)
     centres = np.column_stack([(ellipses[:, :2] - middle) / size, np.ones(len(c))])
-    pairs = [lines_of_pencil(moved[[i, j]], centres[[i, j]]) for i, j in combinations(range(len(c)), 2)]
-    outside = [[line for line in lines if _clear(line, moved, centres)] for lines in pairs]
+    one, other = np.array(list(combinations(range(len(c)), 2))).T
+    inverse = np.asarray(np.linalg.inv(moved), dtype=np.float64)
+    pencils = lines_of_pencils(moved[one], moved[other])
+    outside = [[line for line in lines if _clear(line, inverse, centres)] for lines in pencils]
     if not all(outside):
         raise ValueError(
             "the circles are not parallel: each line of their pencil meets one of them or separates them, so none is "
@@ -134,40 +137,54 @@ def circular_points_of_circles(conics: ArrayLike, tolerance: float = 1e-6) -> li
     return out
 
 
-def lines_of_pencil(conics: Array, centres: Array) -> list[Array]:
-    """Real lines of the degenerate members of the pencil of two conics (2, 3, 3), of unit norm.
+def lines_of_pencils(first: Array, second: Array) -> list[list[Array]]:
+    """Real lines of the degenerate members of pencils of two conics, of unit norm: two, or one that counts twice.
 
     Parameters
     ----------
-    conics : (2, 3, 3) array
+    first, second : (m, 3, 3) arrays
         Positive inside, in coordinates of the order of one.
-    centres : (2, 3) array
-        A point inside each.
     """
-    values = np.linalg.eigvals(np.linalg.solve(conics[1], conics[0]))
+    values = np.linalg.eigvals(np.linalg.solve(second, first))
+    weights, vectors = np.linalg.eigh(first[:, None] - np.real(values)[..., None, None] * second[:, None])
+    return [
+        _double_line(first[i], second[i], real)
+        if len(real) and close
+        else _pairs_of_lines(weights[i], vectors[i], is_real)
+        for i, (real, close, is_real) in enumerate(map(_sorted_out, values))
+    ]
+
+
+def _sorted_out(values: NDArray[np.number]) -> tuple[list[float], bool, NDArray[np.bool_]]:
+    """Eigenvalues that are one within rounding (two of them), whether there are such, and which of all are real."""
     scale = float(np.max(np.abs(values)))
-    real = np.real(values[np.abs(np.imag(values)) <= _DOUBLE * scale])
-    gaps = [abs(a - b) for a, b in combinations(real, 2)]
-    close = min(gaps, default=np.inf) <= _DOUBLE * scale
-    if close:
-        i, j = min(combinations(range(len(real)), 2), key=lambda ij: abs(real[ij[0]] - real[ij[1]]))
-        member = conics[0] - 0.5 * (real[i] + real[j]) * conics[1]
-        weights, vectors = np.linalg.eigh(member)
-        return [vectors[:, int(np.argmax(np.abs(weights)))]]
+    real = np.abs(np.imag(values)) <= _DOUBLE * scale
+    pairs = [(abs(a - b), [float(a), float(b)]) for a, b in combinations(np.real(values[real]).tolist(), 2)]
+    gap, pair = min(pairs, default=(np.inf, []))
+    return pair, gap <= _DOUBLE * scale, real
+
+
+def _double_line(first: Array, second: Array, pair: list[float]) -> list[Array]:
+    """The line of the member of rank 1."""
+    weights, vectors = np.linalg.eigh(first - 0.5 * sum(pair) * second)
+    return [np.asarray(vectors[:, int(np.argmax(np.abs(weights)))])]
+
+
+def _pairs_of_lines(weights: Array, vectors: Array, real: NDArray[np.bool_]) -> list[Array]:
+    """Both lines of each real member of signature (1, 1), from the eigenvalues (3, 3) of the members, ascending."""
     out: list[Array] = []
-    for value in real:
-        weights, vectors = np.linalg.eigh(conics[0] - value * conics[1])
-        # Ascending, with the one that is zero in the middle: signature (1, 1).
-        if weights[0] < 0 < weights[2] and abs(weights[1]) < min(-weights[0], weights[2]):
-            plus, minus = np.sqrt(weights[2]) * vectors[:, 2], np.sqrt(-weights[0]) * vectors[:, 0]
+    for weight, vector in zip(weights[real], vectors[real], strict=True):
+        # The one that is zero is in the middle.
+        if weight[0] < 0 < weight[2] and abs(weight[1]) < min(-weight[0], weight[2]):
+            plus, minus = np.sqrt(weight[2]) * vector[:, 2], np.sqrt(-weight[0]) * vector[:, 0]
             out += [line / np.linalg.norm(line) for line in (plus + minus, plus - minus)]
     return out
 
 
-def _clear(line: Array, conics: Array, centres: Array) -> bool:
-    """Whether a line meets none of the ellipses and has all of them on one side."""
+def _clear(line: Array, inverse: Array, centres: Array) -> bool:
+    """Whether a line meets none of the ellipses, given by their inverse conics, and has all of them on one side."""
     side = centres @ line
-    reach = np.einsum("i,nij,j->n", line, np.linalg.inv(conics), line)  # positive where it does not meet the ellipse
+    reach = (inverse @ line) @ line  # positive where it does not meet the ellipse
     return bool((np.all(side > 0) or np.all(side < 0)) and np.all(reach > 0))
 
 
@@ -205,11 +222,15 @@ def find(view: View) -> list[Found]:
 def measured_focal(ellipses: Array, shape_covs: Array, K: Array) -> MeasuredFocal | None:
     """Focal length of noisy ellipses by the closed form; None if there is none. The focal length of K is not used.
 
+    Of many circles, eight that are far apart are used: all pairs of 32 would take minutes, and tell little more.
+
     Raises
     ------
     MethodFailure
         If the circles are not parallel, or two solutions remain.
     """
+    far = _far_apart(ellipses[:, :2], _MOST)
+    ellipses, shape_covs = ellipses[far], shape_covs[far]
     square = np.eye(3)
     square[:2, :2] = K[:2, :2] / K[0, 0]
     square[:2, 2] = K[:2, 2]
@@ -232,3 +253,12 @@ def measured_focal(ellipses: Array, shape_covs: Array, K: Array) -> MeasuredFoca
     except ValueError:
         return None
     return MeasuredFocal(focal, log_focal_sigma(focal_of, ellipses, shape_covs))
+
+
+def _far_apart(points: Array, count: int) -> list[int]:
+    """Indices of `count` points, each in turn the farthest from those before it."""
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    while len(chosen) < min(count, len(points)):
+        apart = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
+        chosen.append(int(np.argmax(apart)))
+    return chosen

@@ -27,15 +27,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.geometry.conic import ellipse_of_conic
 from roundel.scenes.geometry.pose import angle_deg
-from roundel.solver.methods.plugin import Found, View
+from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.circle_pose import CirclePoses, poses_from_ellipse
+from roundel.solver.pose.pose_covariance import poses_with_covariance
 from roundel.solver.views.circles_of_view import circles_of_view, require_kind
+from roundel.solver.views.plane_of_view import measurements
 
 Array = NDArray[np.float64]
 
-# Two exactly parallel circles agree to the rounding of their conics, 1e-6 degrees for the smallest; the other pairs of
-# normals are usually degrees apart, and the noise of an ellipse moves a normal by a degree or two.
-_PARALLEL_DEG = 15.0
+# Two exactly parallel circles agree to the rounding of their conics. A focal length that is 11.5 % wrong turns the
+# normals of circles beside the axis by some degrees, and each by its own; noise adds its own sigmas.
+_PARALLEL_DEG = 10.0
+_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +114,16 @@ def find(view: View) -> list[Found]:
     circles = circles_of_view(view)
     if not circles:
         return []
-    ellipses = np.array([circle.ellipse for circle in circles])
-    poses = poses_from_ellipse(ellipses, view.camera.K, view.diameter_m / 2)
+    ellipses, covs = measurements(circles)
+    poses, cov = poses_with_covariance(ellipses, covs, view.camera.K, view.diameter_m / 2)
     chosen: list[int | None] = [None] * len(circles)
     if len(circles) > 1:
-        chosen = [int(i) for i in most_parallel(poses.normal).chosen]
+        sigma = 0.0 if cov is None else float(np.sqrt(np.trace(cov[..., 3:, 3:], axis1=-2, axis2=-1).max()))
+        try:
+            parallel = most_parallel(poses.normal, _PARALLEL_DEG + _SIGMAS * np.degrees(sigma))
+        except ValueError as error:
+            raise MethodFailure(str(error)) from error
+        chosen = [int(i) for i in parallel.chosen]
     return [
         Found(
             poses=[(poses.normal[i, j], poses.centre_m[i, j]) for j in range(2)],

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers_circles import circle_scene, scattered
+from helpers_circles import circle_scene, noisy_ellipses, scattered
 from helpers_views import printed, view_of
 
 from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
-from roundel.solver.related.gurdjos2006 import circular_points_of_circles, find
+from roundel.solver.related.gurdjos2006 import circular_points_of_circles, find, measured_focal
 from roundel.solver.views.dual_circular_points import normal_from_line
 
 PAIR = np.array([[0.0, 0.0], [1.5, 0.0]]), np.array([0.02, 0.02])
@@ -122,6 +122,15 @@ def test_six_dots_measure_it_better():
     found = find(view_of(scene, printed("disc", [0.03] * 6, dots=6, ring_diameter_m=0.12), focal_factor=1.2))
     assert len(found) == 6
     assert abs(found[0].focal_px - 700.0) < 4.0 * found[0].focal_sigma_px < 4.0 * 20.0
+
+
+def test_of_many_circles_the_far_ones_are_used():
+    generator = np.random.default_rng(15)
+    turn = np.arange(20) * np.pi / 10
+    ring = 5.6 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    scene = circle_scene(generator, ring - ring[0], np.full(20, 0.5), distance=(25, 25), tilt_deg=(40, 40))
+    measured = measured_focal(*noisy_ellipses(generator, scene, 0.1), scene.K)
+    assert abs(np.log(measured.focal_px / scene.K[0, 0])) < 4 * measured.sigma < 0.04
 
 
 def test_one_printed_circle_is_refused():

@@ -5,6 +5,7 @@ import pytest
 from helpers_circles import circle_scene, scattered
 from helpers_views import printed, view_of
 
+from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.solver.methods.plugin import MethodFailure
 from roundel.solver.related.wu2004 import both_poses, find, most_parallel
@@ -78,6 +79,24 @@ def test_it_finds_discs_in_an_image_and_chooses_between_two():
     (only,) = find(view_of(alone, printed("disc", [0.04])))
     assert only.chosen is None
     assert min(angle_deg(normal, alone.normal) for normal, _ in only.poses) < 1.0
+
+
+def test_discs_of_different_planes_in_an_image_are_refused():
+    generator = np.random.default_rng(7)
+    scene = circle_scene(
+        generator,
+        np.array([[0.0, 0.0], [1.5, 0.0]]),
+        np.array([0.02, 0.02]),
+        tilt_deg=(0, 0),
+        distance=(10, 10),
+        focal_px=700.0,
+        **IMAGE,
+    )
+    turned = scene.poses[1].copy()
+    turned[:3, :3] = turned[:3, :3] @ np.array([[1, 0, 0], [0, 0.5, -0.866], [0, 0.866, 0.5]])
+    scene.conics[1] = conic_of_circle(turned, 0.02, scene.K)
+    with pytest.raises(MethodFailure, match="not parallel: their closest normals are"):
+        find(view_of(scene, printed("disc", [0.04, 0.04])))
 
 
 def test_a_print_without_circles_is_refused():
