@@ -48,6 +48,13 @@ def views(text: str) -> int:
     return int(text)
 
 
+def bend(text: str) -> int:
+    """The order of a board's bend."""
+    if text not in ("2", "3", "4", "5", "6"):
+        raise argparse.ArgumentTypeError(f"{text!r}: give an order from 2 (a simple curve) to 6 (waves)")
+    return int(text)
+
+
 def grid(text: str) -> tuple[int, int]:
     """Columns and rows, such as 7x5."""
     columns, _, rows = text.lower().partition("x")

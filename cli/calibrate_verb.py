@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,13 +30,25 @@ def calibrate(arguments: argparse.Namespace) -> int:
         given = [name for name in _PRINTED if getattr(arguments, name)]
         if given:
             raise UsageError(f"--{given[0].replace('_', '-')}: a dataset records its board; leave it out")
-        lines = _from_dataset(Path(arguments.inputs[0]), camera, arguments.group, arguments.views, arguments.k3)
+        lines = _from_dataset(Path(arguments.inputs[0]), camera, arguments)
     print("\n".join(lines))
     print(f"camera: {camera}")
     return 0
 
 
 _PRINTED = ("grid", "spacing_m", "diameter_m", "asymmetric", "curve")
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """What is fitted: the number of distortion coefficients, and the order of the board's bend."""
+
+    coefficients: int = 4
+    bend: int = 0
+
+    @staticmethod
+    def of(arguments: argparse.Namespace) -> _Fit:
+        return _Fit(5 if arguments.k3 else 4, arguments.bend)
 
 
 def _from_photographs(arguments: argparse.Namespace, camera: Path) -> list[str]:
@@ -53,18 +66,18 @@ def _from_photographs(arguments: argparse.Namespace, camera: Path) -> list[str]:
     layout = GridLayout(columns, rows, arguments.spacing_m, arguments.diameter_m, arguments.asymmetric)
     with progress("calibrate") as show:
         views = photographed_grids(arguments.inputs, layout, arguments.curve, show).first(arguments.views)
-    return _write_grid(views, camera, arguments.k3)
+    return _write_grid(views, camera, _Fit.of(arguments))
 
 
 def _write_grid(
-    views: GridViews, camera: Path, k3: bool, dataset: Dataset | None = None, group: str | None = None
+    views: GridViews, camera: Path, fit: _Fit, dataset: Dataset | None = None, group: str | None = None
 ) -> list[str]:
     """Calibrate from a grid's views and write the camera file; returns lines for the terminal."""
     from roundel.datasets.layout.files import write_file
     from roundel.solver.calibration.calibrate_images import calibration_lines, calibration_to_json
     from roundel.validate.calibration.camera_errors import error_lines, errors_of_frames
 
-    calibration = views.calibrate(5 if k3 else 4)
+    calibration = views.calibrate(fit.coefficients, fit.bend)
     dataset_id = None if dataset is None else str(dataset.manifest["dataset_id"])
     record = calibration_to_json(calibration, views, dataset_id, group)
     write_file(camera, (json.dumps(record, indent=2) + "\n").encode())
@@ -75,18 +88,20 @@ def _write_grid(
     return [*lines, *error_lines(errors_of_frames(dataset, calibration.camera, frames))]
 
 
-def _from_dataset(path: Path, camera: Path, asked: str | None, count: int | None, k3: bool) -> list[str]:
+def _from_dataset(path: Path, camera: Path, arguments: argparse.Namespace) -> list[str]:
     from roundel.datasets.dataset import open_dataset
     from roundel.solver.calibration.calibrate_images import grids_of_dataset
     from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
 
-    dataset = open_dataset(path)
-    kind, group = _board_group(dataset, asked)
+    dataset, fit = open_dataset(path), _Fit.of(arguments)
+    kind, group = _board_group(dataset, arguments.group)
     if kind == CHESSBOARD:
-        return calibration_lines(calibrate_dataset(path, camera, group, count, 5 if k3 else 4))
+        if fit.bend:
+            raise UsageError("--bend: OpenCV calibrates from chessboards, and takes them as flat; leave it out")
+        return calibration_lines(calibrate_dataset(path, camera, group, arguments.views, fit.coefficients))
     with progress("calibrate") as show:
-        views = grids_of_dataset(dataset.images, group, show).first(count)
-    return _write_grid(views, camera, k3, dataset, group)
+        views = grids_of_dataset(dataset.images, group, show).first(arguments.views)
+    return _write_grid(views, camera, fit, dataset, group)
 
 
 def _board_group(dataset: Dataset, asked: str | None) -> tuple[str, str | None]:
@@ -131,10 +146,10 @@ def calibrate_of_study(study: Any, out: Path) -> tuple[list[str], Path, dict[str
         return [line for record in records for line in calibration_lines(record)], camera, files
     with progress("calibrate") as show:
         views = grids_of_dataset(dataset.images, group, show)
-    lines, files = _write_grid(views, camera, False, dataset, group), {"calibrated": camera}
+    lines, files = _write_grid(views, camera, _Fit(), dataset, group), {"calibrated": camera}
     for label in study.solve.intrinsics:
         count = IntrinsicsLabel.of(label).views
         if count is not None:
             files[label] = folder / f"{count}.json"
-            lines += _write_grid(views.first(count), files[label], False, dataset, group)
+            lines += _write_grid(views.first(count), files[label], _Fit(), dataset, group)
     return lines, camera, files

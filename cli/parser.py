@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from roundel.cli.arguments import EstimatesSchema, ListMethods, count, frame_range, grid, positive, views
+from roundel.cli.arguments import EstimatesSchema, ListMethods, bend, count, frame_range, grid, positive, views
 from roundel.cli.usage import Parser
 
 EXIT_STATUS = (
@@ -162,6 +162,13 @@ def _add_solving(add: AddVerb) -> None:
     calibrate.add_argument("--group", metavar="GROUP", help="group of boards (default: the first such group)")
     calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
     calibrate.add_argument("--k3", action="store_true", help="also fit k3, if k1, k2, p1 and p2 do not fit the lens")
+    calibrate.add_argument(
+        "--bend",
+        type=bend,
+        default=0,
+        metavar="ORDER",
+        help="of circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
+    )
     calibrate.add_argument("--grid", type=grid, metavar="COLSxROWS", help="of photographs: dots in a row, and rows")
     calibrate.add_argument(
         "--spacing-m", type=positive, metavar="S", help="of photographs: between rows (marker key spacing_m)"

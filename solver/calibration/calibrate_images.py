@@ -67,9 +67,9 @@ class GridViews:
             )
         return replace(self, images=self.images[:count], frame_ids=self.frame_ids[:count])
 
-    def calibrate(self, coefficients: int = 4) -> GridCalibration:
+    def calibrate(self, coefficients: int = 4, bend: int = 0) -> GridCalibration:
         """See `calibrate_grids`."""
-        return calibrate_grids(self.images, self.layout, self.size_px, coefficients)
+        return calibrate_grids(self.images, self.layout, self.size_px, coefficients, bend)
 
 
 def calibrate_images(
@@ -77,6 +77,7 @@ def calibrate_images(
     layout: GridLayout,
     curve: ResponseCurve | str | None = None,
     coefficients: int = 4,
+    bend: int = 0,
 ) -> GridCalibration:
     """Calibrate a camera from images of a circle grid.
 
@@ -90,6 +91,8 @@ def calibrate_images(
         See `roundel.locate`.
     coefficients : int
         4 (k1, k2, p1, p2) or 5 (and k3).
+    bend : int
+        See `calibrate_grids`.
 
     Returns
     -------
@@ -110,7 +113,7 @@ def calibrate_images(
     if len(sizes) > 1:
         raise ValueError(f"the images have {len(sizes)} sizes; calibrate one camera at a time")
     loads = [partial(_array_levels, image, wanted if wanted and wanted.known else None) for image in images]
-    return _views(loads, layout).calibrate(coefficients)
+    return _views(loads, layout).calibrate(coefficients, bend)
 
 
 def _array_levels(image: NDArray[Any], curve: ResponseCurve | None) -> Levels:
@@ -224,6 +227,7 @@ def calibration_to_json(
             "left_out_dots": calibration.left_out,
             "diameter_m": calibration.diameter_m,
             "edge_px": calibration.edge_px,
+            "bend_m": calibration.bend_m.tolist(),
             "chi_square": calibration.chi_square,
             "widened": calibration.widened,
             "parameters": list(calibration.parameters),
@@ -249,8 +253,8 @@ def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[st
     ]
     if calibration.widened > 1:
         lines.append(
-            f"the circles are off by more than the noise of their pixels (a bent board, or another lens model): the "
-            f"standard deviations above are widened by {calibration.widened:.1f}"
+            "the circles are off by more than the noise of their pixels (a bent board, see --bend, or another "
+            f"lens model, see --k3): the standard deviations above are widened by {calibration.widened:.1f}"
         )
     asked, found, own = views.layout.diameter_m, calibration.diameter_m, sigma["diameter_m"]
     if abs(found / asked - 1.0) > max(_ODD_DIAMETER, 5 * own / asked):

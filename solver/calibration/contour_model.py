@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # Points of a contour. The sums over it are periodic and smooth, so they converge faster than any power of it: for an
 # axis ratio of 3, 24 points are exact to 1e-7 px and 32 to 1e-9 px.
 CONTOUR_POINTS = 32
+MAX_BEND = 6  # order of a bend: finer waves are smaller than the distance of the dots
 POSE = 6  # rotation vector in the camera's frame, translation
 
 
@@ -51,6 +52,11 @@ class Dots:
     def __len__(self) -> int:
         return len(self.view)
 
+    @property
+    def half_m(self) -> float:
+        """Largest distance of a dot from the board's origin, along X or Y."""
+        return float(np.abs(self.centre_m).max())
+
     def chosen(self, which: NDArray[np.bool_]) -> Dots:
         """Some of the dots."""
         return replace(
@@ -76,30 +82,35 @@ class Model:
     edge_px : float
         Displacement of all edges in the image, outward from the dots, px: by a response curve that is not the one
         undone, by sharpening, by light that spreads. It would make tilted dots rounder, and the focal length wrong.
+    bend_m : (m,) array
+        Height of the board above its plane, m: coefficients of `bend_powers`, with x and y in units of the board's half
+        size; empty if it is flat.
     """
 
     camera: Camera
     diameter_m: float
     poses: Array
     edge_px: float = 0.0
+    bend_m: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def camera_parameters(self) -> Array:
-        """fx, fy, cx, cy, the distortion coefficients, the natural logarithm of the diameter in metres, and edge_px."""
-        k, log_diameter = self.camera.K, np.log(self.diameter_m)
-        return np.array(
-            [k[0, 0], k[1, 1], k[0, 2], k[1, 2], *self.camera.distortion, log_diameter, self.edge_px], dtype=np.float64
-        )
+        """fx, fy, cx, cy, the distortion coefficients, the diameter's natural logarithm, edge_px, bend_m."""
+        k, distortion = self.camera.K, self.camera.distortion
+        values = k[0, 0], k[1, 1], k[0, 2], k[1, 2], *distortion, np.log(self.diameter_m), self.edge_px
+        return np.concatenate([values, self.bend_m])
 
     def moved(self, camera_step: Array, pose_steps: Array) -> Model:
         """The model after a step: added to the camera's parameters, (V, 6) composed with the poses."""
-        fx, fy, cx, cy, *distortion, log_diameter, edge_px = (self.camera_parameters + camera_step).tolist()
+        fx, fy, cx, cy, *rest = (self.camera_parameters + camera_step).tolist()
+        count = len(self.camera.distortion)
+        log_diameter, edge_px, *bend_m = rest[count:]
         k = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         poses = self.poses.copy()
         poses[:, :3, :3] = rotations(pose_steps[:, :3]) @ poses[:, :3, :3]
         poses[:, :3, 3] += pose_steps[:, 3:]
-        camera = replace(self.camera, K=k, distortion=tuple(distortion))
-        return Model(camera, float(np.exp(log_diameter)), poses, edge_px)
+        camera = replace(self.camera, K=k, distortion=tuple(rest[:count]))
+        return Model(camera, float(np.exp(log_diameter)), poses, edge_px, np.array(bend_m))
 
 
 def rotations(vectors: Array) -> Array:
@@ -141,8 +152,12 @@ def _imaged(model: Model, dots: Dots) -> tuple[Array, Array]:
     turn = 2 * np.pi * np.arange(CONTOUR_POINTS) / CONTOUR_POINTS
     unit = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     board = dots.centre_m[:, None] + model.diameter_m / 2 * unit
+    radius = np.broadcast_to(model.diameter_m / 2 * unit, board.shape)
     rotation, shift = model.poses[:, :3, :3][dots.view], model.poses[:, :3, 3][dots.view]
-    turned = np.einsum("Nij,Nkj->Nki", rotation[:, :, :2], board)
+    turned, growth = (np.einsum("Nij,Nkj->Nki", rotation[:, :, :2], a) for a in (board, radius))
+    heights, slopes = _heights(board / dots.half_m, len(model.bend_m))
+    turned += np.einsum("Nkh,h,Ni->Nki", heights, model.bend_m, rotation[:, :, 2])
+    growth += np.einsum("Nkhj,Nkj,h,Ni->Nki", slopes, radius / dots.half_m, model.bend_m, rotation[:, :, 2])
     place = turned + shift[:, None]
     depth = np.where(place[..., 2] > 0, place[..., 2], np.nan)
     xy = place[..., :2] / depth[..., None]
@@ -154,26 +169,42 @@ def _imaged(model: Model, dots: Dots) -> tuple[Array, Array]:
     by_place = (
         np.concatenate([by_xy, -np.einsum("Nkij,Nkj->Nki", by_xy, xy)[..., None]], axis=-1) / depth[..., None, None]
     )
-    growth = np.einsum("Nij,kj->Nki", rotation[:, :, :2], model.diameter_m / 2 * unit)
     # d (exp(w) y) / d w = -[y]x
     y1, y2, y3 = (turned[..., i] for i in range(3))
     zero = np.zeros_like(y1)
     cross = np.stack([zero, y3, -y2, -y3, zero, y1, y2, -y1, zero], axis=-1).reshape(*y1.shape, 3, 3)
     count = len(model.camera.distortion)
     outward = _outward(image)
-    jacobian = np.zeros((*image.shape, 6 + count + POSE))
+    bend = slice(6 + count, 6 + count + len(model.bend_m))
+    jacobian = np.zeros((*image.shape, bend.stop + POSE))
     jacobian[..., 0, 0], jacobian[..., 1, 1] = bent[..., 0], bent[..., 1]
     jacobian[..., 0, 2] = jacobian[..., 1, 3] = 1.0
     jacobian[..., 4 : 4 + count] = focal[:, None] * _by_coefficients(xy, count)
     jacobian[..., 4 + count] = np.einsum("Nkij,Nkj->Nki", by_place, growth)
     jacobian[..., 5 + count] = outward
-    jacobian[..., 6 + count : 9 + count] = by_place @ cross
-    jacobian[..., 9 + count :] = by_place
+    jacobian[..., bend] = np.einsum("Nkij,Nj,Nkh->Nkih", by_place, rotation[:, :, 2], heights)
+    jacobian[..., bend.stop : bend.stop + 3] = by_place @ cross
+    jacobian[..., bend.stop + 3 :] = by_place
     image = image + model.edge_px * outward
     if dots.lens is None or not distorts(dots.lens):
         return image, jacobian
     straight, slope = _undistorted(dots.lens, image)
     return straight, slope @ jacobian
+
+
+def bend_powers(degree: int) -> list[tuple[int, int]]:
+    """Powers (i, j) of the terms x^i y^j of a bend: those of orders 2 to `degree`; the lower ones are the pose's."""
+    return [(order - j, j) for order in range(2, degree + 1) for j in range(order + 1)]
+
+
+def _heights(xy: Array, terms: int) -> tuple[Array, Array]:
+    """The first terms of `bend_powers` at points (..., 2), (..., terms), and their derivatives (..., terms, 2)."""
+    powers = bend_powers(MAX_BEND)[:terms]
+    x, y = xy[..., :1], xy[..., 1:]
+    i, j = np.array(powers, dtype=np.int64).reshape(-1, 2).T
+    by_x = i * x ** np.maximum(i - 1, 0) * y**j
+    by_y = j * x**i * y ** np.maximum(j - 1, 0)
+    return x**i * y**j, np.stack([by_x, by_y], axis=-1)
 
 
 def _outward(contours: Array) -> Array:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.model import Camera, distorts
 from roundel.scenes.errors import NotComparableError
 from roundel.solver.calibration.bundle import Adjusted, adjust
-from roundel.solver.calibration.contour_model import POSE, Dots, Model
+from roundel.solver.calibration.contour_model import MAX_BEND, POSE, Dots, Model, bend_powers
 from roundel.solver.calibration.first_camera import first_camera, homography, pose_of_homography
 from roundel.solver.calibration.grid_image import MIN_DOTS, GridImage, fit_dots
 from roundel.solver.calibration.grid_layout import GridLayout
@@ -67,6 +67,8 @@ class GridCalibration:
         Positions of the used views among all.
     poses : (V, 4, 4) array
         `camera_from_board` of each.
+    bend_m : (m,) array
+        See `Model.bend_m`.
     """
 
     camera: Camera
@@ -81,6 +83,7 @@ class GridCalibration:
     left_out: int
     views: list[int]
     poses: Array
+    bend_m: Array
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -93,6 +96,7 @@ def calibrate_grids(
     layout: GridLayout,
     size_px: tuple[int, int],
     coefficients: int = 4,
+    bend: int = 0,
 ) -> GridCalibration:
     """Calibrate a camera from views of a grid.
 
@@ -105,6 +109,9 @@ def calibrate_grids(
         Width and height of the images.
     coefficients : int
         4 (k1, k2, p1, p2) or 5 (and k3).
+    bend : int
+        Order of the polynomial that is fitted to the height of the board above its plane, the same in all views: 2 to
+        `MAX_BEND`, or 0 for a flat board.
 
     Raises
     ------
@@ -115,10 +122,10 @@ def calibrate_grids(
     _check_count(len(shown), len(views))
     numbers = [i for i, view in enumerate(views) if len(view.index)]
     dots = measured_dots(shown, layout, Camera(*size_px, np.eye(3)))
-    first = calibrate_dots(dots, layout.diameter_m, size_px, coefficients)
+    first = calibrate_dots(dots, layout.diameter_m, size_px, coefficients, bend)
     # Again with the lens of this calibration: what it leaves of the curves' deviation from ellipses is second order.
     dots = measured_dots(shown, layout, first.camera)
-    found = calibrate_dots(dots, first.diameter_m, size_px, coefficients)
+    found = calibrate_dots(dots, first.diameter_m, size_px, coefficients, bend)
     return replace(found, views=[numbers[i] for i in found.views])
 
 
@@ -135,6 +142,7 @@ def calibrate_dots(
     diameter_m: float,
     size_px: tuple[int, int],
     coefficients: int = 4,
+    bend: int = 0,
 ) -> GridCalibration:
     """Calibrate a camera from the ellipses of boards' dots.
 
@@ -146,6 +154,8 @@ def calibrate_dots(
         Of a dot, to start from.
     size_px : (int, int)
     coefficients : int
+    bend : int
+        As `calibrate_grids`.
 
     Raises
     ------
@@ -154,9 +164,12 @@ def calibrate_dots(
     """
     if coefficients not in (4, 5):
         raise ValueError(f"coefficients must be 4 or 5, not {coefficients}")
+    if bend not in (0, *range(2, MAX_BEND + 1)):
+        raise ValueError(f"bend must be 0 or an order from 2 to {MAX_BEND}, not {bend}")
     total = len(dots)
     dots, views = _kept(dots, np.ones(total, dtype=np.bool_), np.unique(dots.view))
     model = _start(dots, diameter_m, size_px, coefficients)
+    model = replace(model, bend_m=np.zeros(len(bend_powers(bend))))
     for last in (False,) * _ROUNDS + (True,):
         found = adjust(model, dots)
         _check_determined(found)
@@ -222,6 +235,7 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
         if excess > 1.0 + _CHANCE * math.sqrt(2.0 / degrees):
             raised = max(raised, excess)
     parameters = ("fx", "fy", "cx", "cy", *_COEFFICIENTS[: len(camera.distortion)], "diameter_m", "edge_px")
+    parameters += tuple(f"bend_x{i}y{j}_m" for i, j in bend_powers(MAX_BEND)[: len(found.model.bend_m)])
     # The model has the logarithm of the diameter.
     units = np.where(np.array(parameters) == "diameter_m", found.model.diameter_m, 1.0)
     covariance = covariance * np.outer(units, units)
@@ -238,4 +252,5 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
         total - len(dots),
         views,
         found.model.poses,
+        found.model.bend_m,
     )

@@ -23,13 +23,14 @@ def test_predicted_ellipses_are_those_of_exact_dots() -> None:
     np.testing.assert_allclose(predicted_shapes(MODEL, DOTS)[0], DOTS.shape, atol=1e-8)
 
 
+@pytest.mark.parametrize("bend_m", [(), (2e-3, -1e-3, 1e-3, 5e-4, 0.0, -1e-3, 1e-3)])
 @pytest.mark.parametrize("lens", [None, replace(CAMERA, distortion=(-0.2, 0.05, 0.0, 0.0))])
 @pytest.mark.parametrize("count", [4, 5])
-def test_derivatives(lens: Camera | None, count: int) -> None:
+def test_derivatives(lens: Camera | None, count: int, bend_m: tuple[float, ...]) -> None:
     camera = replace(CAMERA, distortion=(*CAMERA.distortion, 0.02)[:count])
-    model, dots = replace(MODEL, camera=camera), replace(DOTS, lens=lens)
+    model, dots = replace(MODEL, camera=camera, bend_m=np.array(bend_m)), replace(DOTS, lens=lens)
     _, jacobian = predicted_shapes(model, dots)
-    size = count + 6
+    size = count + 6 + len(bend_m)
     for i in range(size + 6):
         # Steps that move the contours by some thousandths of a pixel.
         step = 1e-3 if i < 4 else 1e-6

@@ -84,6 +84,18 @@ def test_a_bent_board_widens_the_standard_deviations() -> None:
     assert found.widened > 3
 
 
+def test_a_bent_board_is_fitted() -> None:
+    bent = dots_of(CAMERA, poses(6), LAYOUT, 0.02, rise=lambda x, y: (0.4 * x - 0.2 * y) * x + 20.0 * y**3)
+    found = calibrate_dots(bent, LAYOUT.diameter_m, SIZE, bend=3)
+    np.testing.assert_allclose(values(found), TRUE, rtol=1e-6)
+    half_m = 0.075
+    expected = [0.4 * half_m**2, -0.2 * half_m**2, 0.0, 0.0, 0.0, 0.0, 20.0 * half_m**3]
+    np.testing.assert_allclose(found.bend_m, expected, atol=1e-8)
+    assert found.parameters[10:12] == ("bend_x2y0_m", "bend_x1y1_m")
+    with pytest.raises(ValueError, match="bend must be 0 or an order from 2 to 6, not 1"):
+        calibrate_dots(bent, LAYOUT.diameter_m, SIZE, bend=1)
+
+
 def test_frontal_views_do_not_determine_the_focal_length() -> None:
     frontal = [pose(0.0, 0.0, roll, x, 0.0, z) for roll, x, z in ((0, 0, 0.4), (40, 0.01, 0.45), (90, -0.02, 0.5))]
     with pytest.raises(NotComparableError, match=r"determine the focal length .* tilted by 0 degrees at most; tilt it"):
