@@ -175,16 +175,16 @@ def _imaged(model: Model, dots: Dots) -> tuple[Array, Array]:
     cross = np.stack([zero, y3, -y2, -y3, zero, y1, y2, -y1, zero], axis=-1).reshape(*y1.shape, 3, 3)
     count = len(model.camera.distortion)
     outward = _outward(image)
-    bend = slice(6 + count, 6 + count + len(model.bend_m))
-    jacobian = np.zeros((*image.shape, bend.stop + POSE))
+    raised = slice(6 + count, 6 + count + len(model.bend_m))
+    jacobian = np.zeros((*image.shape, raised.stop + POSE))
     jacobian[..., 0, 0], jacobian[..., 1, 1] = bent[..., 0], bent[..., 1]
     jacobian[..., 0, 2] = jacobian[..., 1, 3] = 1.0
     jacobian[..., 4 : 4 + count] = focal[:, None] * _by_coefficients(xy, count)
     jacobian[..., 4 + count] = np.einsum("Nkij,Nkj->Nki", by_place, growth)
     jacobian[..., 5 + count] = outward
-    jacobian[..., bend] = np.einsum("Nkij,Nj,Nkh->Nkih", by_place, rotation[:, :, 2], heights)
-    jacobian[..., bend.stop : bend.stop + 3] = by_place @ cross
-    jacobian[..., bend.stop + 3 :] = by_place
+    jacobian[..., raised] = np.einsum("Nkij,Nj,Nkh->Nkih", by_place, rotation[:, :, 2], heights)
+    jacobian[..., raised.stop : raised.stop + 3] = by_place @ cross
+    jacobian[..., raised.stop + 3 :] = by_place
     image = image + model.edge_px * outward
     if dots.lens is None or not distorts(dots.lens):
         return image, jacobian
