@@ -111,4 +111,4 @@ clean: ## remove caches, links, build products and out/demo
 	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## clean, and remove .venv, .venv-bench and .bench-peers too
-	rm -rf .venv .venv-bench .bench-peers
+	rm -rf .venv .venv-bench .bench-peers benchmarks/peers/build

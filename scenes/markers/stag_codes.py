@@ -62,4 +62,4 @@ def stag_dots(identity: int) -> Array:
     places = [(radius, angle + turn * _QUARTER) for turn in range(4) for radius, angle in _PLACES]
     inked = [place for place, bit in zip(places, _HD21[identity], strict=True) if bit == "1"]
     radius, angle = np.array(inked).T
-    return 2 * DOTS_WITHIN * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(2 * DOTS_WITHIN * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
