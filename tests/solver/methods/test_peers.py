@@ -84,6 +84,24 @@ def test_without_the_environment_they_are_absent(monkeypatch):
     assert not {m.name for m in installed_methods()} & set(POINTS)
 
 
+@pytest.mark.parametrize(
+    "order", [("stag", "pupil_apriltags", "ringgrid", "cv2"), ("cv2", "ringgrid", "pupil_apriltags", "stag")]
+)
+def test_opencv_stays_roundels_in_either_order_of_import(order):
+    if not all((PEERS / name).is_dir() for name in order if name != "cv2"):
+        pytest.skip("the programs are not installed (make peers-env)")
+    script = (
+        f"import sys\nsys.path += [{str(PEERS)!r}]\nimport {', '.join(order)}\nimport numpy as np\n"
+        "image = np.full((90, 90), 255, np.uint8)\nimage[30:60, 30:60] = 0\n"
+        "assert len(cv2.findContours(255 - image, 0, 2)[0]) == 1\n"
+        "stag.detectMarkers(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), 21)\nprint(cv2.__version__, cv2.__file__)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    import cv2
+
+    assert (done.returncode, done.stdout.strip()) == (0, f"{cv2.__version__} {cv2.__file__}"), done.stderr
+
+
 @pytest.mark.parametrize("method", CASES)
 def test_a_program_reads_its_own_marker(tmp_path, method):
     marker, package, identity, normal_deg = CASES[method]

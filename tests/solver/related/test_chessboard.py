@@ -26,10 +26,11 @@ MARKER = {
 DISC = {"marker_id": 0, "kind": "disc", "diameter_m": 0.08, "layout": {}}
 
 
-def test_exact_corners_give_the_pose_and_the_focal_length():
+@pytest.mark.parametrize("scenes", [50, pytest.param(500, marks=pytest.mark.slow)])
+def test_exact_corners_give_the_pose_and_the_focal_length(scenes):
     points = board_points_m(LAYOUT)
     measured = 0
-    for true in plane_views(500, 12, points):
+    for true in plane_views(scenes, 12, points):
         view = View(np.zeros((480, 640), np.uint8), true.camera, 0.08)
         found = found_plane(view, points, true.pixels, 1e-4)
         np.testing.assert_allclose(found.poses[0][0], true.camera_from_marker[:3, 2], atol=1e-6)
@@ -37,7 +38,7 @@ def test_exact_corners_give_the_pose_and_the_focal_length():
         if found.focal_px is not None:
             measured += 1
             assert found.focal_px == pytest.approx(true.camera.K[0, 0], rel=1e-6)
-    assert measured > 450
+    assert measured > 0.9 * scenes
 
 
 @pytest.mark.parametrize("beside", [[], [DISC]])

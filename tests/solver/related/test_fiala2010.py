@@ -53,9 +53,10 @@ def best(found: Found, pose: np.ndarray) -> tuple[float, float]:
     return min(errors), float(np.linalg.norm(centre - pose[:3, 3]) / np.linalg.norm(pose[:3, 3]))
 
 
-def test_exact_corners_give_both_poses_and_the_focal_length():
+@pytest.mark.parametrize("scenes", [50, pytest.param(500, marks=pytest.mark.slow)])
+def test_exact_corners_give_both_poses_and_the_focal_length(scenes):
     measured = 0
-    for true in plane_views(500, 11, SQUARE):
+    for true in plane_views(scenes, 11, SQUARE):
         view = View(np.zeros((480, 640), np.uint8), true.camera, 0.08)
         found = found_plane(view, SQUARE, true.pixels, 1e-4, square=True, identity=3)
         normal, position = best(found, true.camera_from_marker)
@@ -65,7 +66,7 @@ def test_exact_corners_give_both_poses_and_the_focal_length():
             measured += 1
             assert found.focal_px == pytest.approx(true.camera.K[0, 0], rel=1e-6)
         assert found.identity == 3
-    assert measured > 450
+    assert measured > 0.9 * scenes
 
 
 @pytest.mark.parametrize("family", DICTIONARIES)
