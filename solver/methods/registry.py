@@ -67,8 +67,8 @@ def method_lines() -> list[str]:
     for m in methods:
         lines.append(f"{m.name:<{widths[0]}}  {m.source:<{widths[1]}}  {m.about}")
         if m.markers:
-            reads = f"reads {', '.join(m.markers)}; returns {m.returns}" + (f"; {m.paper}" if m.paper else "")
-            lines.append(f"{'':<{sum(widths) + 4}}{reads}")
+            more = [f"reads {', '.join(m.markers)}; returns {m.returns}", *filter(None, [m.paper])]
+            lines += [f"{'':<{sum(widths) + 4}}{text}" for text in more]
     return lines
 
 
