@@ -32,7 +32,7 @@ _MISFIT = 1e-6
 _RADIUS_TOLERANCE = 0.03
 
 
-def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[CircleImage], Array]:
+def printed_circles(view: View, least: int) -> tuple[list[CircleImage], Array]:
     """The circles of a view, as many as are printed, the strongest; and their printed diameters (n,), in any order.
 
     Raises
@@ -45,7 +45,7 @@ def printed_circles(view: View, least: int, inner: bool = False) -> tuple[list[C
     if diameters and len(diameters) < least:
         count = "one circle is" if len(diameters) == 1 else f"{len(diameters)} circles are"
         raise MethodFailure(f"{count} printed, and it needs {least} or more in one plane")
-    circles = circles_of_view(view, inner=inner)
+    circles = circles_of_view(view)
     if len(circles) < least:
         raise MethodFailure(f"it needs {least} circles or more; {len(circles)} found")
     if not diameters:
