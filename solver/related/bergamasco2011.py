@@ -228,7 +228,7 @@ def decode(present: NDArray[np.bool_], unsure: NDArray[np.bool_]) -> tuple[int, 
 
 def presence(pixels: Pixels, matrix: Array, places: Array, variance: float) -> Array:
     """Ink at each of the 22 places by least squares of the pixels: about 1 for a dot, 0 for paper."""
-    covered = coverage_of(pixels.places, matrix, places, variance).covered
+    covered = coverage_of(pixels.places, matrix, places, variance, derivatives=False).covered
     ground = levels_columns(pixels.places, np.zeros(len(covered)))[:, :3]
     columns = np.concatenate([ground, -covered], axis=1)
     levels = np.linalg.lstsq(columns, pixels.values, rcond=None)[0]

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("ring_code",)
 
-_CUTS, _STEPS = 64, 32
+_CUTS, _STEPS = 48, 24
 _GRID = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])  # centres tried, in semi-axes about that of the ellipse
 _ROUNDS = 12
 _REACH = 1.12  # of the pixels that are compared, in outer radii
@@ -138,7 +138,7 @@ def read_profile(pixels: Pixels, matrix: Array, variance: float) -> tuple[int, f
     words = ring_code_words().astype(np.float64)
     radii = (CELLS - np.arange(CELLS)) / CELLS
     discs = np.stack([np.zeros(CELLS), np.zeros(CELLS), radii], axis=1)
-    covered = coverage_of(pixels.places, matrix, discs, variance).covered
+    covered = coverage_of(pixels.places, matrix, discs, variance, derivatives=False).covered
     # Cell k is the disc of radius k less the next one inward.
     cells = covered - np.concatenate([covered[:, 1:], np.zeros((len(covered), 1))], axis=1)
     left, contrast = unexplained(pixels, cells @ words.T)

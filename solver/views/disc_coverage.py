@@ -46,7 +46,7 @@ class Coverage:
     by_generator: Array
 
 
-def coverage_of(places: Array, matrix: Array, discs: Array, variance: float) -> Coverage:
+def coverage_of(places: Array, matrix: Array, discs: Array, variance: float, derivatives: bool = True) -> Coverage:
     """Coverage of pixels by discs under a homography.
 
     Parameters
@@ -59,6 +59,8 @@ def coverage_of(places: Array, matrix: Array, discs: Array, variance: float) -> 
         x, y, radius, in outer radii.
     variance : float
         Of the blur, px^2, without the pixel's own.
+    derivatives : bool
+        Whether they are needed; they are else zero.
     """
     n, j = len(places), len(discs)
     out = Coverage(np.zeros((n, j)), np.zeros((n, j, 2)), np.zeros((n, j)), np.zeros((n, j, 8)))
@@ -76,10 +78,13 @@ def coverage_of(places: Array, matrix: Array, discs: Array, variance: float) -> 
         out.covered[:, k] = rho < disc[2]
         if narrow * disc[2] < _EDGE_SIGMAS * total:
             near = np.flatnonzero((rho - disc[2]) * narrow < 1.3 * reach)
-            made = _small(places[near], matrix, disc, variance, wide)
+            made = _small(places[near], matrix, disc, variance, wide, derivatives)
         else:
-            made = _edge(plane[near], np.asarray(rays[near, 2]), inverse, disc, variance)
-        out.covered[near, k], out.by_shift[near, k], out.by_variance[near, k], out.by_generator[near, k] = made
+            made = _edge(plane[near], np.asarray(rays[near, 2]), inverse, disc, variance, derivatives)
+        covered, rates = made
+        out.covered[near, k] = covered
+        if rates is not None:
+            out.by_shift[near, k], out.by_variance[near, k], out.by_generator[near, k] = rates
     return out
 
 
@@ -89,10 +94,11 @@ def _stretch(matrix: Array, point: Array) -> Array:
     return np.asarray((matrix[:2, :2] - np.outer(ray[:2] / ray[2], matrix[2, :2])) / ray[2])
 
 
-_Parts = tuple[Array, Array, Array, Array]
+# Coverage, and its derivatives by shift, variance and generators.
+_Parts = tuple[Array, tuple[Array, Array, Array] | None]
 
 
-def _edge(plane: Array, weight: Array, inverse: Array, disc: Array, variance: float) -> _Parts:
+def _edge(plane: Array, weight: Array, inverse: Array, disc: Array, variance: float, derivatives: bool) -> _Parts:
     # dX / dp of X = rays / rays_w.
     slope = (inverse[None, :2, :2] - plane[:, :, None] * inverse[None, 2:, :2]) / weight[:, None, None]
     offset = plane - disc[:2]
@@ -112,9 +118,11 @@ def _edge(plane: Array, weight: Array, inverse: Array, disc: Array, variance: fl
     z, dz = curved_distance(distance, curvature, np.zeros_like(distance), variance + PIXEL_VARIANCE)
     nx, ny = np.abs(normal).T
     t, rate, second = step_response(z, (nx + ny) / 2, (nx - ny) / 2, variance)
+    if not derivatives:
+        return 1.0 - t, None
     # X moves by -delta G X under H (I + delta G): the edge moves the other way.
     outward = np.einsum("nk,ngk->ng", out, _flow(plane)) / length[:, None]
-    return 1.0 - t, rate[:, None] * normal, -(rate * dz + second / 2), rate[:, None] * outward
+    return 1.0 - t, (rate[:, None] * normal, -(rate * dz + second / 2), rate[:, None] * outward)
 
 
 def _flow(plane: Array) -> Array:
@@ -124,9 +132,10 @@ def _flow(plane: Array) -> Array:
     return np.asarray(steps[..., :2] - plane[:, None] * steps[..., 2:])
 
 
-def _small(places: Array, matrix: Array, disc: Array, variance: float, wide: float) -> _Parts:
-    size = wide * disc[2] / math.sqrt(variance + PIXEL_VARIANCE / 4)
-    turns, rings = math.ceil(4.0 * size) + 12, math.ceil(0.8 * size) + 4
+def _small(places: Array, matrix: Array, disc: Array, variance: float, wide: float, derivatives: bool) -> _Parts:
+    # The response of a pixel without blur has steps, that of one with much has none: nodes for the sharper part of it.
+    size = wide * disc[2] / math.sqrt(variance + 0.01)
+    turns, rings = math.ceil(3.0 * size) + 10, math.ceil(0.6 * size) + 3
     angle = 2 * np.pi * np.arange(turns) / turns
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     # Gauss nodes in the square of the radius: every node stands for an equal kind of area.
@@ -139,6 +148,8 @@ def _small(places: Array, matrix: Array, disc: Array, variance: float, wide: flo
     fx, _ = _responses(places[:, 0], px[:, 0], variance)
     fy, _ = _responses(places[:, 1], px[:, 1], variance)
     covered = (fx * fy) @ area
+    if not derivatives:
+        return covered, None
     # The rim: its length element times its normal is the image of the step along it, turned by a right angle.
     rim = disc[:2] + disc[2] * circle
     px, _ = _images(matrix, rim)
@@ -159,7 +170,7 @@ def _small(places: Array, matrix: Array, disc: Array, variance: float, wide: flo
     moved = np.einsum("ij,ngj->ngi", matrix[:2, :2], flow) - px[:, None] * (flow @ matrix[2, :2])[..., None]
     moved = moved / ahead[2][:, None, None]
     by_generator = both @ np.einsum("ngi,ni->ng", moved, outward)
-    return covered, by_shift, by_variance, by_generator
+    return covered, (by_shift, by_variance, by_generator)
 
 
 def _images(matrix: Array, points: Array) -> tuple[Array, Array]:

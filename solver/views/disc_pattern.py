@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 _LEAST_VARIANCE, _MOST_VARIANCE = 0.01, 100.0
 _ROUNDS = 30
-_SETTLED_PX = 1e-4
+_SETTLED_PX, _ROUNDING = 3e-4, 1e-9
 # A crown that is a twentieth of the radius too wide leaves 0.13 of the contrast, right fits 0.01 or less.
 _LEFT, _NOISES = 0.06, 2.0
 
@@ -129,7 +129,7 @@ def fit_pattern(
             return None
         columns, residual, levels = made
         cost = float(residual @ residual)
-        if cost <= previous:
+        if cost <= previous * (1 + _ROUNDING):
             state, kept, previous, damping = trial, made, cost, max(damping / 5, 1e-9)
         else:
             damping *= 8
@@ -138,14 +138,17 @@ def fit_pattern(
         columns, residual, levels = kept
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
         scaled = columns / size
-        normal = scaled.T @ scaled
-        step = np.linalg.solve(normal + damping * np.eye(len(normal)), scaled.T @ residual) / size
+        step = _step(scaled, residual, damping) / size
+        if step[count] < 0 and state[1] <= _LEAST_VARIANCE:
+            # No blur at all: the others' best step is that without it.
+            others = np.delete(np.arange(len(size)), count)
+            step[others], step[count] = _step(scaled[:, others], residual, damping) / size[others], 0.0
         delta = step[:count]
-        change = float(np.clip(step[count], -state[1] / 2, 0.5 + state[1]))
+        change = float(np.clip(step[count], -0.8 * state[1], 0.5 + state[1]))
         trial = moved(state[0], delta), float(np.clip(state[1] + change, _LEAST_VARIANCE, _MOST_VARIANCE))
         trial = trial[0] / trial[0][2, 2], trial[1]
         radius = float(np.sqrt(abs(np.linalg.det(state[0][:2, :2]))))
-        if np.abs(delta).max() * radius < _SETTLED_PX and cost <= previous:
+        if np.abs(delta).max() * radius < _SETTLED_PX and made is kept:
             break
     columns, residual, levels = kept
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
@@ -163,6 +166,11 @@ def fit_pattern(
     low, high = np.percentile(pixels.values, (1, 99))
     homography = MeasuredHomography(state[0], cov)
     return PatternFit(homography, state[1], float(levels[3]), float(high - low), explained, rms)
+
+
+def _step(columns: Array, residual: Array, damping: float) -> Array:
+    normal = columns.T @ columns
+    return np.asarray(np.linalg.solve(normal + damping * np.eye(len(normal)), columns.T @ residual))
 
 
 def _equations(

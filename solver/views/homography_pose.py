@@ -45,7 +45,7 @@ _CHI2_95 = 3.841459  # of one degree of freedom
 _SIGMAS_95 = 1.959964
 _LONGEST = 30.0  # times the image's width: longer focal lengths are not searched
 _SHORTEST = 0.15
-_GRID = 9
+_GRID = 7
 
 
 def _generators() -> Array:
@@ -341,7 +341,7 @@ def focal_of_homography(measured: MeasuredHomography, K: Array, width_px: int) -
 
 
 def _root(function: Callable[[float], float], inside: float, outside: float) -> float:
-    """Where a function of u becomes positive between two values, to 2 % of the distance of their logarithms."""
+    """Where a function of u becomes positive between two values, to 4 % of the distance of their logarithms."""
     near, far = math.log(inside), math.log(outside)
     start = near
     # The function grows about as the square of the distance.
@@ -354,6 +354,6 @@ def _root(function: Callable[[float], float], inside: float, outside: float) -> 
             far, value_far = middle, value
         else:
             near, value_near = middle, value
-        if abs(far - near) < 0.02 * abs(far - start) or abs(value) < 0.05:
+        if abs(far - near) < 0.04 * abs(far - start) or abs(value) < 0.15:
             return math.exp(middle)
     return math.exp(far)
