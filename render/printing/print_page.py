@@ -299,6 +299,8 @@ def _title(section: Any) -> str:
         for key, value in section
         if key.endswith("_m") and key not in ("margin_m", "grain_m", "edge_softness_m") and value is not None
     ]
+    if getattr(section, "id", None) is not None:
+        sizes.insert(0, f"id {section.id:g}")
     if hasattr(section, "columns"):
         sizes.insert(0, f"{section.columns} x {section.rows}")
     inverted = ", light on dark" if section.inverted else ""

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.path import Path as Outline
 
 from roundel.render.printing.marker_layouts import marker_to_print, parse_set
-from roundel.render.printing.print_page import PAPERS_MM, Page, lay_out, print_marker
+from roundel.render.printing.print_page import PAPERS_MM, Page, _title, lay_out, print_marker
 from roundel.scenes.errors import UsageError
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.markers.outlines import outlines
@@ -259,3 +259,10 @@ def test_other_endings(tmp_path):
         print_marker(section_of("disc"), tmp_path / "marker.png")
     with pytest.raises(UsageError, match="use a5, a4"):
         lay_out(section_of("disc"), "a9")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"), [("ring_code", "id 5, diameter 80 mm"), ("dot_code", "id 5, diameter 80 mm")]
+)
+def test_the_page_says_which_identity_is_printed(kind, words):
+    assert words in _title(marker_to_print(kind, None, {"id": 5}))
