@@ -147,13 +147,30 @@ def _edge_offsets(levels: Array, image: Array, outward: Array, reach: float) -> 
     if inside.sum() < LEAST_POINTS:
         return None
     profile = map_coordinates(levels, [at[..., 1], at[..., 0]], order=1, mode="nearest")
-    inner, light = profile[:, :2].mean(axis=1), np.median(profile[inside, -2:])
-    dark = np.median(inner[inside])
-    if abs(light - dark) < LEAST_CONTRAST:
+    inner, light = profile[:, :2].mean(axis=1), _light_along(profile[:, -2:].mean(axis=1), inside)
+    # Uneven light falls on ink and paper alike.
+    dark = float(np.median(inner[inside] / light[inside])) * light
+    if np.min(np.abs(light - dark)[inside]) < LEAST_CONTRAST:
         return None
-    area = np.trapezoid((profile - dark) / (light - dark), t, axis=1)
-    leak = LEAK * reach * float(np.std(inner[inside])) / abs(light - dark)
+    area = np.trapezoid((profile - dark[:, None]) / (light - dark)[:, None], t, axis=1)
+    leak = LEAK * reach * float(np.std((inner - dark)[inside])) / float(np.median(np.abs(light - dark)))
     return np.where(inside & (np.abs(reach - area) < reach), reach - area, np.nan), float(leak)
+
+
+def _light_along(outer: Array, inside: NDArray[np.bool_]) -> Array:
+    """Level of the paper beside each point: a line along the edge through the outer ends, without outliers."""
+    place = np.arange(len(outer), dtype=np.float64)
+    keep = inside.copy()
+    level = np.full(len(outer), float(np.median(outer[inside])))
+    for _ in range(3):
+        slope, start = np.polyfit(place[keep], outer[keep], 1)
+        level = start + slope * place
+        left = np.abs(outer - level)
+        narrow = left <= max(OUTLIER * 1.4826 * float(np.median(left[keep])), 1e-9)
+        if np.count_nonzero(keep & narrow) < LEAST_POINTS:
+            break
+        keep &= narrow
+    return level
 
 
 def _fitted_line(points: Array, along: Array) -> _Line | None:
