@@ -46,9 +46,10 @@ _SHORTEST, _LONGEST = 0.12, 100.0
 _STEPS = 160
 _STEP = math.log(_LONGEST / _SHORTEST) / (_STEPS - 1)
 _ZOOM = 80  # steps of an interval that is narrowed: calls cost more than poses
-_ROUNDS = 6  # each narrows it to a fortieth: to 1e-11 of log f
-_STEEPEST_DEG = 90.0  # fastest turn of a normal with log f: d tan = tan, so half a radian, for two normals
-_STARTS = 4  # minima of the search that are refined
+_ROUNDS = 9  # each narrows it to a fortieth
+_NOT_ZERO_DEG = 1e-3  # a minimum that stays above it has another value than zero
+_SETTLED_DEG = 1e-9  # rounding of a normal is a hundredth of it
+_STARTS = 6  # minima of the search that are refined, those of the smallest angles
 _FLAT = 1.05  # a focal length that is wrong by this factor must explain the circles worse
 
 
@@ -105,9 +106,7 @@ def planes_of_circles(
     out: list[PlaneOfCircles] = []
     minima = _minima(ellipses)
     smallest = minima[0].angle_deg
-    for minimum in minima:
-        if minimum.angle_deg > _STEEPEST_DEG * _STEP + tolerance_deg:
-            break
+    for minimum in minima[:_STARTS]:
         best, angle = _narrowed(minimum, ellipses)
         smallest = min(smallest, angle)
         if angle > tolerance_deg or any(abs(math.log(o.focal_px / size) - best) < 1e-3 for o in out):
@@ -189,14 +188,17 @@ def _cost(log_f: Array, ellipses: Array, first: int) -> Array:
 
 def _narrowed(minimum: _Minimum, ellipses: Array) -> tuple[float, float]:
     """Place and value of the least cost within a step of the grid."""
-    log_f, value, reach = minimum.log_focal, minimum.angle_deg, _STEP
+    log_f, value, reach, stalls = minimum.log_focal, minimum.angle_deg, _STEP, 0
     for _ in range(_ROUNDS):
-        trial = log_f + reach * np.linspace(-1.0, 1.0, _ZOOM + 1)
+        trial, before = log_f + reach * np.linspace(-1.0, 1.0, _ZOOM + 1), value
         cost = _cost(trial, ellipses, minimum.first)
         i = int(np.argmin(cost))
         log_f, value, reach = float(trial[i]), float(cost[i]), reach * 2.0 / _ZOOM
-        if value > _STEEPEST_DEG * reach:
-            break  # it does not come down to zero
+        # A minimum at zero falls to a fortieth each round, or to a sixth where a circle is seen along its axis and its
+        # normals turn like a square root; by chance a point of a round may be as good as the best of the next.
+        stalls = stalls + 1 if value > 0.5 * before else 0
+        if (stalls == 2 and value > _NOT_ZERO_DEG) or value < _SETTLED_DEG:
+            break
     return log_f, value
 
 
