@@ -6,33 +6,31 @@ for which the image, rectified by the homography of ellipse and centre, looks al
 the rim; the identity as the nearest profile of a bank. From ellipse C and centre o follow the vanishing line v ~ C o,
 the normal K^T v, and the focal length by the circular points (v meets C).
 
-Three things are ours. The outer ellipses come from Roundel's detector instead of voting along gradients. The cuts are
-made to agree by Gauss-Newton from the best of a coarse grid, where the paper shrinks a grid. Once the identity is
-known, homography, blur and levels are fitted to all pixels of the print together, which gives a covariance: poses and
-focal length are those of least squares with it (`homography_pose`). Bank and print are `scenes.markers.ring_codes`.
+Three things are ours. The outer ellipses come from Roundel's detector, or else from outlines of ink, instead of voting
+along gradients. The cuts are made to agree by Gauss-Newton from the best of a coarse grid, where the paper shrinks a
+grid. Once the identity is known, homography, blur and levels are fitted to all pixels of the print together, which
+gives a covariance: poses and focal length are those of least squares with it (`homography_pose`). Bank and print are
+`scenes.markers.ring_codes`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.geometry.conic import conic_of_ellipse
 from roundel.scenes.markers.ring_codes import CELLS, ring_code_radii, ring_code_words
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.views.circles_of_view import circles_of_view, require_kind
 from roundel.solver.views.disc_coverage import coverage_of
 from roundel.solver.views.disc_pattern import PatternFit, Pixels, fit_pattern, unexplained
 from roundel.solver.views.homography_pose import homography_of
-from roundel.solver.views.marker_pixels import (
-    LightImage,
-    conic_of_homography,
-    found_of,
-    light_image,
-    pixels_inside,
-)
+from roundel.solver.views.ink_blobs import ink_outlines
+from roundel.solver.views.marker_pixels import LightImage, found_of, light_image, pixels_inside
 
 Array = NDArray[np.float64]
 
@@ -43,6 +41,7 @@ _GRID = np.array([-0.12, -0.06, 0.0, 0.06, 0.12])  # centres tried, in semi-axes
 _ROUNDS = 12
 _REACH = 1.12  # of the pixels that are compared, in outer radii
 _LEAST_CONFIDENCE = 0.2
+_OUTLINES = 12
 _DECISIVE = 20.0  # log-likelihood by which the best word must beat every other
 
 
@@ -168,6 +167,19 @@ def read_crowns(image: LightImage, conic: Array, variance: float) -> RingReading
     return RingReading(identity, fit)
 
 
+def _candidates(view: View, image: LightImage, read: list[Found]) -> Iterator[tuple[Array, float]]:
+    """Conics that may be the image of an outer circle, with a variance of the blur: outlines only if no circle is read.
+
+    A thin outer crown at high tilt is no circle with one edge for the detector.
+    """
+    for circle in circles_of_view(view, least_confidence=_LEAST_CONFIDENCE):
+        yield circle.conic, max(float(getattr(circle.fit, "blur_px", 0.6)) ** 2, 0.05)
+    for light in (False, True):
+        if not read:
+            for ellipse in ink_outlines(image.levels, image.noise_dn, light)[:_OUTLINES]:
+                yield conic_of_ellipse(ellipse), 0.25
+
+
 def find(view: View) -> list[Found]:
     """Coded crowns of a view: identity, unique pose, focal length.
 
@@ -180,9 +192,8 @@ def find(view: View) -> list[Found]:
     image = light_image(view)
     out: list[Found] = []
     reasons: list[str] = []
-    for circle in circles_of_view(view, least_confidence=_LEAST_CONFIDENCE):
-        variance = float(getattr(circle.fit, "blur_px", 0.6)) ** 2
-        read = read_crowns(image, circle.conic, max(variance, 0.05))
+    for conic, variance in _candidates(view, image, out):
+        read = read_crowns(image, conic, variance)
         if isinstance(read, str):
             reasons.append(read)
         else:
@@ -190,6 +201,3 @@ def find(view: View) -> list[Found]:
     if reasons and not out:
         raise MethodFailure(f"no coded crowns are read: {reasons[0]}")
     return out
-
-
-__all__ = ["KINDS", "RingReading", "conic_of_homography", "find", "read_crowns"]

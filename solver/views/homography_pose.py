@@ -154,7 +154,7 @@ def homography_of(conic: Array, centre_px: Array) -> Array:
 
 def coordinates(matrix: Array, other: Array, turns: bool) -> Array:
     """Coordinates of `other` about `matrix`, (8,) or (7,): without `turns` it is turned in the plane to fit first."""
-    return _coordinates(np.linalg.solve(matrix, other), turns)
+    return _coordinates(np.asarray(np.linalg.solve(matrix, other), dtype=np.float64), turns)
 
 
 def _coordinates(between: Array, turns: bool) -> Array:

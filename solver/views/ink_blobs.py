@@ -1,4 +1,4 @@
-"""Dark blobs of an image with the moments of their ink: the dots that a coded marker may have."""
+"""Dark blobs of an image with the moments of their ink, and outlines of larger ink: dots and crowns of markers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ Array = NDArray[np.float64]
 _FEWEST_PX, _MOST_PX = 4, 20_000
 _WINDOWS = (15, 31, 61, 121)  # sides of the neighbourhoods for thresholds, px
 _SIGMAS = 10.0  # noise alone spans about 6 over a neighbourhood
+_OUTLINE_WINDOWS = (15, 45)
+_SHORTEST_OUTLINE = 40  # px
+_LEAST_SEMI_AXIS_PX = 4.0
+_MOST_ENLARGED_PX = 3_000_000
 _LEAST_FILL = 0.6  # of the ellipse with a blob's second moments
 
 
@@ -120,3 +124,49 @@ def _moments(
     if np.linalg.det(spread) <= 0 or np.trace(spread) <= 0:
         return None
     return centre, spread, variance
+
+
+def ink_outlines(levels: Array, noise_dn: float, light: bool = False) -> list[Array]:
+    """Ellipses (5,) round connected ink of any shape, such as a crown: the largest first.
+
+    Thresholds as in `ink_blobs`, on the image at twice its size; the ellipse is fitted to the outer contour and is that
+    of the middle between ink and paper, to some tenths of a pixel.
+
+    Parameters
+    ----------
+    levels : (H, W) array
+    noise_dn : float
+    light : bool
+        Whether the ink is lighter than its paper.
+    """
+    image = np.asarray(-levels if light else levels, dtype=np.float32)
+    scale = 2 if image.size <= _MOST_ENLARGED_PX else 1
+    size = image.shape[1] * scale, image.shape[0] * scale
+    enlarged = cv2.resize(image, size, interpolation=cv2.INTER_CUBIC) if scale > 1 else image
+    found: list[Array] = []
+    for window in _OUTLINE_WINDOWS:
+        if window > min(image.shape):
+            break
+        kernel = np.ones((window, window), np.uint8)
+        low, high = (
+            cv2.resize(extreme(image, kernel), size, interpolation=cv2.INTER_NEAREST)
+            for extreme in (cv2.erode, cv2.dilate)
+        )
+        ink = (enlarged < (low + high) / 2) & (high - low > _SIGMAS * max(noise_dn, 0.5) + 2.0)
+        closed = cv2.morphologyEx(ink.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        # Outlines of ink and of the holes in it; ink in a hole is outlined, too.
+        contours, tree = cv2.findContours(closed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        for i, contour in enumerate(contours):
+            if tree[0, i, 3] >= 0 or len(contour) < _SHORTEST_OUTLINE * scale:
+                continue
+            (x, y), (width, height), angle = cv2.fitEllipse(contour)
+            # A contour runs through the middles of its outermost pixels.
+            a, b = (width / 2 + 0.5) / scale, (height / 2 + 0.5) / scale
+            if min(a, b) < _LEAST_SEMI_AXIS_PX or max(a, b) > max(image.shape):
+                continue
+            turn = angle if a >= b else angle + 90.0
+            centre = (x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5
+            ellipse = np.array([*centre, max(a, b), min(a, b), turn % 180.0])
+            if all(np.abs(ellipse[:4] - other[:4]).max() > 0.5 for other in found):
+                found.append(ellipse)
+    return sorted(found, key=lambda ellipse: -float(ellipse[2] * ellipse[3]))

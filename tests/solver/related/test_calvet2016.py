@@ -109,3 +109,12 @@ def test_crowns_that_are_not_in_the_bank_are_refused(radii: tuple[float, ...]) -
 def test_an_empty_image_has_nothing() -> None:
     _, K = small_view(np.random.default_rng(9))
     assert find(view_of(np.full((96, 96), 180.0), K, "ring_code")) == []
+
+
+def test_thin_crowns_at_high_tilt_are_read_by_their_outline() -> None:
+    # One cell of the outer crown is a pixel wide along the minor axis: the detector sees no circle.
+    for identity in (3, 21, 7):
+        pose, K = small_view(np.random.default_rng(identity), semi_px=(20.0, 21.0), tilt_deg=(60.0, 63.0))
+        levels = drawn((96, 96), plane_homography(pose, K), *crowns(ring_code_radii(identity)))
+        (found,) = find(view_of(levels, K, "ring_code"))
+        assert found.identity == identity
