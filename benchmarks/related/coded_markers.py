@@ -1,6 +1,6 @@
 """Coded markers read on rendered frames: identities, recall, poses, focal length.
 
-    python benchmarks/solver/coded_markers.py [WORK] [--frames N] [--markdown FILE]
+    python benchmarks/related/coded_markers.py [WORK] [--frames N] [--markdown FILE]
 
 WORK (default out/bench-coded-markers) holds the rendered frames of `coded_markers.yaml`: 1,000 of `ring_code`, 1,000 of
 `dot_code`, every identity, 20 to 29 px of semi-axis, tilts from 0 to 65 degrees. `calvet2016` and `bergamasco2011` read
@@ -201,7 +201,7 @@ def main() -> int:
             if which:
                 print(f"{name}: wrong {what} in frames {which}", file=sys.stderr)
     if given.markdown is not None:
-        head = "# Coded markers on rendered frames\n\nBy `python benchmarks/solver/coded_markers.py`.\n\n"
+        head = "# Coded markers on rendered frames\n\nBy `python benchmarks/related/coded_markers.py`.\n\n"
         given.markdown.write_text(head + text + "\n", encoding="utf-8")
     return 0 if good else 1
 
