@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_grids import CAMERA, LAYOUT, drawn, poses
+from helpers_boards import GRID, GRID_CAMERA, grid_image, grid_poses
 from PIL import Image
 
 from roundel.cli.main import main
@@ -110,9 +110,9 @@ def test_what_cannot_be_calibrated_from(dataset: Path, tmp_path: Path, capsys: p
 
 def test_photographs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     photos = []
-    for i, pose in enumerate(poses(4)):
+    for i, pose in enumerate(grid_poses(4)):
         photos.append(tmp_path / f"{i}.png")
-        Image.fromarray(drawn(CAMERA, pose, LAYOUT, seed=i)).save(photos[-1])
+        Image.fromarray(grid_image(GRID_CAMERA, pose, GRID, seed=i)).save(photos[-1])
     file = tmp_path / "camera.json"
     printed = ["--grid", "6x5", "--spacing-m", "0.03", "--diameter-m", "0.018"]
     assert main([*map(str, ["calibrate", *photos, file]), *printed, "--curve", "linear"]) == 0

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers_grids import CAMERA, LAYOUT, contours, dots_of, poses
+from helpers_boards import GRID, GRID_CAMERA, exact_dots, grid_contours, grid_poses
 
 from roundel.scenes.camera.model import Camera
 from roundel.solver.calibration.contour_model import CONTOUR_POINTS, Model, contours_px, predicted_shapes, rotations
 
-VIEWS = np.array(poses(3, seed=2))
-DOTS = dots_of(CAMERA, VIEWS, LAYOUT)
-MODEL = Model(CAMERA, LAYOUT.diameter_m, VIEWS)
+VIEWS = np.array(grid_poses(3, seed=2))
+DOTS = exact_dots(GRID_CAMERA, VIEWS, GRID)
+MODEL = Model(GRID_CAMERA, GRID.diameter_m, VIEWS)
 
 
 def test_contours_are_those_of_the_camera() -> None:
-    expected = np.concatenate([contours(CAMERA, p, LAYOUT, CONTOUR_POINTS) for p in VIEWS])
+    expected = np.concatenate([grid_contours(GRID_CAMERA, p, GRID, CONTOUR_POINTS) for p in VIEWS])
     np.testing.assert_allclose(contours_px(MODEL, DOTS), expected, atol=1e-10)
 
 
@@ -24,10 +24,10 @@ def test_predicted_ellipses_are_those_of_exact_dots() -> None:
 
 
 @pytest.mark.parametrize("bend_m", [(), (2e-3, -1e-3, 1e-3, 5e-4, 0.0, -1e-3, 1e-3)])
-@pytest.mark.parametrize("lens", [None, replace(CAMERA, distortion=(-0.2, 0.05, 0.0, 0.0))])
+@pytest.mark.parametrize("lens", [None, replace(GRID_CAMERA, distortion=(-0.2, 0.05, 0.0, 0.0))])
 @pytest.mark.parametrize("count", [4, 5])
 def test_derivatives(lens: Camera | None, count: int, bend_m: tuple[float, ...]) -> None:
-    camera = replace(CAMERA, distortion=(*CAMERA.distortion, 0.02)[:count])
+    camera = replace(GRID_CAMERA, distortion=(*GRID_CAMERA.distortion, 0.02)[:count])
     model, dots = replace(MODEL, camera=camera, bend_m=np.array(bend_m)), replace(DOTS, lens=lens)
     _, jacobian = predicted_shapes(model, dots)
     size = count + 6 + len(bend_m)

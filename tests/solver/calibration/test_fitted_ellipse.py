@@ -1,18 +1,18 @@
 """The ellipse of a distorted contour against the solver's own fit, and its derivative against differences."""
 
 import numpy as np
-from helpers_grids import CAMERA, LAYOUT, contours, fitted, pose
+from helpers_boards import GRID, GRID_CAMERA, fitted_shape, grid_contours, grid_pose
 
 from roundel.solver.calibration.contour_model import CONTOUR_POINTS
 from roundel.solver.calibration.fitted_ellipse import fitted_ellipses
 
-TILTED = pose(50.0, 30.0, 20.0, 0.03, -0.02, 0.3)
+TILTED = grid_pose(50.0, 30.0, 20.0, 0.03, -0.02, 0.3)
 
 
 def test_agrees_with_the_fit_of_edge_points_on_contours_that_are_no_ellipses() -> None:
     # 1e-7 px is what 32 points leave of the periodic sums at this tilt.
-    every = contours(CAMERA, TILTED, LAYOUT, CONTOUR_POINTS)
-    expected = np.array([fitted(c) for c in contours(CAMERA, TILTED, LAYOUT, 1024)])
+    every = grid_contours(GRID_CAMERA, TILTED, GRID, CONTOUR_POINTS)
+    expected = np.array([fitted_shape(c) for c in grid_contours(GRID_CAMERA, TILTED, GRID, 1024)])
     np.testing.assert_allclose(fitted_ellipses(every)[0], expected, atol=1e-7)
 
 
@@ -24,7 +24,7 @@ def test_an_exact_ellipse_is_returned() -> None:
 
 
 def test_derivative_by_the_points() -> None:
-    contour = contours(CAMERA, TILTED, LAYOUT, CONTOUR_POINTS)[:3]
+    contour = grid_contours(GRID_CAMERA, TILTED, GRID, CONTOUR_POINTS)[:3]
     rng = np.random.default_rng(0)
     # Smooth changes: a point moved alone also changes the lengths, which the derivative takes as fixed.
     turn = 2 * np.pi * np.arange(CONTOUR_POINTS) / CONTOUR_POINTS

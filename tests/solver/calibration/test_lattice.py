@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers_grids import ASYMMETRIC, CAMERA, LAYOUT, contours, pose
+from helpers_boards import ASYMMETRIC_GRID, GRID, GRID_CAMERA, grid_contours, grid_pose
 from numpy.typing import NDArray
 
 from roundel.solver.calibration.fitted_ellipse import fitted_ellipses
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def shapes_of(board_pose: Array, layout: GridLayout) -> Array:
-    return fitted_ellipses(contours(CAMERA, board_pose, layout, 32))[0]
+    return fitted_ellipses(grid_contours(GRID_CAMERA, board_pose, layout, 32))[0]
 
 
 def ordered(shapes: Array, layout: GridLayout) -> tuple[Array, Array]:
@@ -31,26 +31,26 @@ def half_turn(layout: GridLayout) -> Array:
     return np.array([int(np.argmin(np.linalg.norm(centres + c, axis=1))) for c in centres])
 
 
-@pytest.mark.parametrize("layout", [LAYOUT, ASYMMETRIC], ids=["symmetric", "asymmetric"])
+@pytest.mark.parametrize("layout", [GRID, ASYMMETRIC_GRID], ids=["symmetric", "asymmetric"])
 @pytest.mark.parametrize("tilt", [0.0, 30.0, 60.0])
 @pytest.mark.parametrize("roll", np.linspace(0, 345, 12))
 def test_every_dot_has_its_place(layout: GridLayout, tilt: float, roll: float) -> None:
-    shapes = shapes_of(pose(tilt, 70.0, roll, 0.0, 0.0, 0.4), layout)
+    shapes = shapes_of(grid_pose(tilt, 70.0, roll, 0.0, 0.0, 0.4), layout)
     mixed = np.random.default_rng(0).permutation(len(shapes))
     which, index = ordered(shapes[mixed], layout)
     truth = mixed[which]
     assert len(which) == len(shapes)
-    if layout is ASYMMETRIC:  # an odd number of rows: the orientation is unique
+    if layout is ASYMMETRIC_GRID:  # an odd number of rows: the orientation is unique
         np.testing.assert_array_equal(index, truth)
     else:
         assert np.array_equal(index, truth) or np.array_equal(index, half_turn(layout)[truth])
 
 
-@pytest.mark.parametrize("layout", [LAYOUT, ASYMMETRIC], ids=["symmetric", "asymmetric"])
+@pytest.mark.parametrize("layout", [GRID, ASYMMETRIC_GRID], ids=["symmetric", "asymmetric"])
 def test_missing_dots_leave_the_others_in_place(layout: GridLayout) -> None:
     rng = np.random.default_rng(1)
     for trial in range(50):
-        shapes = shapes_of(pose(rng.uniform(0, 50), rng.uniform(0, 360), rng.uniform(0, 360), 0, 0, 0.4), layout)
+        shapes = shapes_of(grid_pose(rng.uniform(0, 50), rng.uniform(0, 360), rng.uniform(0, 360), 0, 0, 0.4), layout)
         seen = np.sort(rng.permutation(len(shapes))[: int(0.8 * len(shapes))])
         which, index = ordered(shapes[seen], layout)
         truth = seen[which]
@@ -64,20 +64,20 @@ def test_missing_dots_leave_the_others_in_place(layout: GridLayout) -> None:
 
 
 def test_other_circles_do_not_matter() -> None:
-    shapes = shapes_of(pose(30.0, 10.0, 5.0, 0.0, 0.0, 0.4), LAYOUT)
+    shapes = shapes_of(grid_pose(30.0, 10.0, 5.0, 0.0, 0.0, 0.4), GRID)
     rng = np.random.default_rng(3)
     size = 0.4 * np.sqrt(shapes[:, 2] * shapes[:, 4]).mean()
     others = np.column_stack([rng.uniform(0, 640, 40), rng.uniform(0, 480, 40), np.tile([size, 0.0, size], (40, 1))])
-    which, index = ordered(np.concatenate([others, shapes]), LAYOUT)
+    which, index = ordered(np.concatenate([others, shapes]), GRID)
     np.testing.assert_array_equal(which - 40, np.arange(30))
     np.testing.assert_array_equal(np.sort(index), np.arange(30))
 
 
 def test_a_mirrored_grid_is_not_turned_over() -> None:
-    shapes = shapes_of(pose(20.0, 10.0, 5.0, 0.0, 0.0, 0.4), ASYMMETRIC)
+    shapes = shapes_of(grid_pose(20.0, 10.0, 5.0, 0.0, 0.0, 0.4), ASYMMETRIC_GRID)
     mirrored = shapes * np.array([-1.0, 1.0, 1.0, -1.0, 1.0]) + np.array([639.0, 0, 0, 0, 0])
-    which, index = ordered(mirrored, ASYMMETRIC)
-    board, image = ASYMMETRIC.centres_m()[index], mirrored[which, :2]
+    which, index = ordered(mirrored, ASYMMETRIC_GRID)
+    board, image = ASYMMETRIC_GRID.centres_m()[index], mirrored[which, :2]
     design = np.column_stack([board, np.ones(len(board))])
     linear = np.linalg.lstsq(design, image, rcond=None)[0][:2]
     assert np.linalg.det(linear) < 0  # y is down in the image, up on the board
@@ -85,6 +85,6 @@ def test_a_mirrored_grid_is_not_turned_over() -> None:
 
 @pytest.mark.parametrize("ratio", [0.5, 1.5, 2.0])
 def test_dots_of_another_size_are_another_grid(ratio: float) -> None:
-    shapes = shapes_of(pose(20.0, 10.0, 5.0, 0.0, 0.0, 0.4), LAYOUT)
-    which, _ = lattice_of(shapes, ratio * 2 * LAYOUT.pitch_m / LAYOUT.diameter_m)
+    shapes = shapes_of(grid_pose(20.0, 10.0, 5.0, 0.0, 0.0, 0.4), GRID)
+    which, _ = lattice_of(shapes, ratio * 2 * GRID.pitch_m / GRID.diameter_m)
     assert len(which) < 6
