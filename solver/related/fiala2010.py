@@ -5,7 +5,7 @@ the intersections of lines through the edges, as in ARTag, found here below the 
 sides of 20 to 80 px an error of a corner's coordinate is 0.01 px; with OpenCV's `CORNER_REFINE_SUBPIX` it is 0.15 to
 0.4 px (the window holds two edges of a convex corner, and its gradients pull the corner inward), with
 `CORNER_REFINE_CONTOUR` 0.5 px, and with `CORNER_REFINE_APRILTAG` 0.43 px, of which all but 0.05 px is an offset common
-to x and y (its pixels are counted from their corners).
+to x and y (its pixels are counted from their corners). Tags whose edges are too short for a line keep OpenCV's corners.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.model import undistort_px
 from roundel.solver.detect.quad_edges import QuadCorners, refine_quad
 from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.photometry.image_levels import grey_levels
@@ -31,6 +32,8 @@ DICTIONARIES = {
     "aruco_6x6_250": (cv2.aruco.DICT_6X6_250, 8),
     "apriltag_36h11": (cv2.aruco.DICT_APRILTAG_36h11, 8),
 }
+# RMS error of a coordinate of the corners that `detected_tags` returns.
+OPENCV_CORNER_PX = 0.4
 
 
 def find(view: View) -> list[Found]:
@@ -45,7 +48,7 @@ def find(view: View) -> list[Found]:
         if layout["columns"] == layout["rows"] == 1:
             out += [_single(view, layout["tag_m"], identity, quad) for identity, quad in refined]
         else:
-            out.append(_board(view, layout, [(i, quad) for i, quad in refined if quad is not None]))
+            out.append(_board(view, layout, [(i, quad) for i, quad in refined if np.all(np.isfinite(quad.corners_px))]))
     if not out:
         families = ", ".join(sorted({layout["family"] for layout in _layouts(view)}))
         raise MethodFailure(f"no tag of {families} was found; the tag may be too small, hidden or of another family")
@@ -91,9 +94,11 @@ def detected_tags(grey: NDArray[np.uint8], family: str) -> list[tuple[int, Array
     return []
 
 
-def _refined(view: View, corners: Array, family: str) -> QuadCorners | None:
+def _refined(view: View, corners: Array, family: str) -> QuadCorners:
+    """Corners from the edges; OpenCV's own where they are too short or too weak, with the error measured of those."""
     levels = grey_levels(view.image, view.curve, keep_8bit=True)[0]
-    return refine_quad(levels, corners, 1.0 / DICTIONARIES[family][1], view.camera)
+    quad = refine_quad(levels, corners, 1.0 / DICTIONARIES[family][1], view.camera)
+    return quad or QuadCorners(undistort_px(view.camera, corners), np.eye(8) * OPENCV_CORNER_PX**2)
 
 
 def tag_corners_m(tag_m: float) -> Array:
@@ -101,9 +106,9 @@ def tag_corners_m(tag_m: float) -> Array:
     return np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]]) * tag_m / 2
 
 
-def _single(view: View, tag_m: float, identity: int, quad: QuadCorners | None) -> Found:
-    if quad is None:
-        return Found(failure=f"tag {identity} was read, but its edges are too short or too weak to locate")
+def _single(view: View, tag_m: float, identity: int, quad: QuadCorners) -> Found:
+    if not np.all(np.isfinite(quad.corners_px)):
+        return Found(failure=f"a corner of tag {identity} is outside the field of the camera's lens model")
     return found_plane(view, tag_corners_m(tag_m), quad.corners_px, quad.cov_px2, True, identity)
 
 
