@@ -19,6 +19,10 @@ from roundel.scenes.errors import DataError
 Array = NDArray[np.float64]
 
 
+# Outer squares differ by at least this part of the inner squares' contrast; paper beyond a board differs by nothing.
+LEAST_OF_CONTRAST = 0.25
+
+
 @dataclass(frozen=True)
 class BoardLayout:
     """A chessboard by its inner corners."""
@@ -126,3 +130,31 @@ def _upright(grid: Array, levels: Array) -> Array:
     ink = np.indices(centres.shape[:2]).sum(axis=0) % 2 == 0
     square = levels[row, column]
     return grid if square[ink].mean() < square[~ink].mean() else grid[::-1, ::-1]
+
+
+def is_whole_board(image: ArrayLike, corners_px: ArrayLike, columns: int, rows: int) -> bool:
+    """Whether the outer squares about the corners are those of the board.
+
+    On squares of a few pixels OpenCV's grid may be shifted by a row: the board's outline is then taken for its last row
+    of corners, and the squares beyond it are paper.
+    """
+    levels, grid = grey(image), np.asarray(corners_px, dtype=np.float64)
+    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(np.float64)
+    h, _ = cv2.findHomography(index, grid)
+    if h is None:
+        return False
+    squares = np.stack(np.meshgrid(np.arange(columns + 1), np.arange(rows + 1)), axis=-1)
+    centres = cv2.perspectiveTransform((squares - 0.5).reshape(-1, 1, 2), h).reshape(rows + 1, columns + 1, 2)
+    place = np.rint(centres).astype(int)
+    inside = np.all((place >= 0) & (place < levels.shape[::-1]), axis=-1)
+    place = np.clip(place, 0, np.array(levels.shape[::-1]) - 1)
+    seen, ink = levels[place[..., 1], place[..., 0]], squares.sum(axis=-1) % 2 == 0
+    inner = np.zeros_like(ink)
+    inner[1:-1, 1:-1] = True
+    contrast = seen[inner & ~ink].mean() - seen[inner & ink].mean()
+    sides = (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1])
+    for side in sides:
+        dark, light = seen[side][inside[side] & ink[side]], seen[side][inside[side] & ~ink[side]]
+        if len(dark) and len(light) and light.mean() - dark.mean() < LEAST_OF_CONTRAST * contrast:
+            return False
+    return True

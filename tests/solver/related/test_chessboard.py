@@ -57,6 +57,17 @@ def test_boards_are_found_and_measured(beside):
     assert np.sqrt(np.mean(np.square(scores))) < 2
 
 
+def test_boards_with_squares_of_six_pixels_are_found():
+    errors = []
+    for pose in board_views(CAMERA, LAYOUT, 12, seed=5, span=0.085):
+        (found,) = find(View(board_image(CAMERA, pose, LAYOUT), CAMERA, 0.08, [MARKER]))
+        assert not found.failure
+        centre = np.asarray(found.poses[0][1])
+        errors.append(CAMERA.K[0, 0] * (centre / centre[2] - pose[:3, 3] / pose[2, 3])[:2])
+    # The magnified image's pixels are turned into ours: a quarter of a pixel would stand out.
+    np.testing.assert_allclose(np.mean(errors, axis=0), 0, atol=0.05)
+
+
 @pytest.mark.parametrize(
     ("markers", "sentence"),
     [
