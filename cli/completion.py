@@ -11,7 +11,11 @@ from roundel.cli.parser import SHELLS
 from roundel.configs.shipped import study_names
 
 # Repeated here because their modules import NumPy and more: completion must take no more than 0.1 s.
-METHODS = ("pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid")
+METHODS = (
+    "pixels", "ml", "guaranteed", "direct", "edgedrawing", "blobs", "circles_grid", "circle_grid_pose", "wu2004",
+    "chen2004", "kim2005", "gurdjos2006", "huang2015", "pollefeys1999", "calvet2016", "bergamasco2011", "pagani2011",
+    "szpak2015", "chessboard", "fiala2010",
+)  # fmt: skip
 KINDS = (
     "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code", "two_discs", "dot_ring",
     "disc_with_chessboard", "chessboard", "circle_grid", "charuco", "tags", "stag",
@@ -20,7 +24,7 @@ PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (
     "true", "default", "default:width", "default:crop43", "exif", "scaled:", "focal:", "focal35:", "calibrated:",
 )  # fmt: skip
-KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:")
+KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:", "coplanar")
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
 _ANY = ("",)
@@ -39,12 +43,19 @@ def complete(parser: argparse.ArgumentParser) -> None:
     """Answer the completion request in the environment, and exit."""
     import argcomplete
 
-    verbs = next(action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
-    for verb in verbs.choices.values():
-        for action in verb._actions:
-            vars(action)["completer"] = _completer(action)
+    _add_completers(parser)
     # Options are offered only after a dash, because the first argument is usually a study's name.
     argcomplete.autocomplete(parser, always_complete_options=False)
+
+
+def _add_completers(parser: argparse.ArgumentParser) -> None:
+    """Tell every argument of every verb, and of a verb's own actions, what it may be."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for verb in action.choices.values():
+                _add_completers(verb)
+        else:
+            vars(action)["completer"] = _completer(action)
 
 
 def _completer(action: argparse.Action) -> Callable[..., list[str]]:

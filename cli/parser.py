@@ -207,7 +207,7 @@ def _add_scoring(add: AddVerb) -> None:
 
 def _add_league(add: AddVerb) -> None:
     league = add("league", "every related system on the same images, and the score of a submission")
-    actions = league.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions = league.add_subparsers(dest="action", metavar="ACTION", required=True, help="run, score, or hold-back")
 
     def action(name: str, text: str) -> argparse.ArgumentParser:
         return actions.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=EXIT_STATUS)

@@ -57,5 +57,5 @@ ENTRIES: tuple[Entry, ...] = (
     Entry("pupil_apriltags", "pupil_apriltags", ("apriltag",), "living program: AprilTag 3"),
     Entry("ringgrid", "ringgrid", ("ringgrid",), "living program: coded ring boards"),
     Entry("stag", "stag", ("stag",), "living program: STag"),
-    Entry("pycalib", "pycalib", ("disc",), "living program: closed-form circle pose of an OpenCV ellipse"),
+    Entry("pycalib", "pycalib", ("disc",), "living program: closed-form poses of an algebraic ellipse"),
 )

@@ -1,8 +1,8 @@
 """Square tags on rendered frames: found, identities, normal, position, focal length. Prints Markdown.
 
-    python benchmarks/solver/tags.py [--data FOLDER] [--method NAME ...]
+    python benchmarks/related/tags.py [--data FOLDER] [--method NAME ...]
 
-Renders benchmarks/solver/tags.yaml first if it is missing: 2,000 frames of 160x120 px, ten minutes on two cores.
+Renders benchmarks/related/tags.yaml first if it is missing: 2,000 frames of 160x120 px, ten minutes on two cores.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The algebraic related systems: exact recovery, and errors under noise beside the standard deviations they state.
 
-    python benchmarks/solver/related_systems.py [--scenes 500] [--trials 200] [--data FOLDER] [--markdown FILE]
+    python benchmarks/related/related_systems.py [--scenes 500] [--trials 200] [--data FOLDER] [--markdown FILE]
 
 Exact: images of circles without noise, 500 random scenes a system; the largest relative error. Noise: ellipses fitted
 to one point a pixel of each contour, moved by isotropic Gaussian noise; each system's own measurement of the focal
@@ -282,7 +282,7 @@ def known_camera_table(trials: int) -> str:
 
 PAGE = """# The algebraic related systems
 
-`python benchmarks/solver/related_systems.py --markdown FILE` wrote this page.
+`python benchmarks/related/related_systems.py --markdown FILE` wrote this page.
 
 ## Exact circles
 

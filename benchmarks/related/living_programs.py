@@ -1,6 +1,6 @@
 """The living programs on 20 clean rendered frames of their own marker each. Prints Markdown.
 
-    python benchmarks/solver/living_programs.py [--data FOLDER]
+    python benchmarks/related/living_programs.py [--data FOLDER]
 
 Run `make peers-env` first; programs that are not installed are left out. Renders for a minute on two cores.
 """
