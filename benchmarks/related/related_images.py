@@ -7,6 +7,7 @@ camera; the focal length that a system measures does not depend on it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -51,11 +52,11 @@ frames: {frames}
 """
 
 
-def image_tables(folder: Path, frames: int) -> str:
+def image_tables(folder: Path, frames: int, sizes: Sequence[int] = SIZES_PX) -> str:
     """Render what is missing, solve, and give the table and its notes in Markdown."""
     rows = []
     for name, (marker, radius_m, methods) in MARKERS.items():
-        for size in SIZES_PX:
+        for size in sizes:
             if name == "dot_ring" and size > 20:
                 continue  # the ring would not fit into the image
             path = _rendered(folder, name, marker, size, radius_m, frames)
@@ -68,6 +69,7 @@ def image_tables(folder: Path, frames: int) -> str:
         "print",
         "semi-axis, px",
         "system",
+        "frames",
         "circles found, %",
         "frames without an answer",
         "focal length stated, %",
@@ -78,7 +80,7 @@ def image_tables(folder: Path, frames: int) -> str:
         "in 95 % interval, %",
         "f 13 % too short: fused, %",
     ]
-    return f"""Frames of 640x480 px, f = {FOCAL_PX} px, tilts of 15 to 55 degrees, {frames} of each print and size.
+    return f"""Frames of 640x480 px, f = {FOCAL_PX} px, tilts of 15 to 55 degrees.
 *Circles found*: printed circles with a pose. *Median error*: of the focal length measured from the image alone
 (huang2015 and pollefeys1999: from sets of six). The interval of the median is that of its order statistics. Last
 column: median error after fusion with a prior of 11.5 % that is 13 % too short.
@@ -109,7 +111,7 @@ def _row(path: Path, out: Path, name: str, method: str, size: int) -> list[str]:
     failed = {row["frame_id"] for row in table} - {frame for frame, _ in posed}
     focal = {row["frame_id"]: (row["focal_px"], row["focal_sigma_px"]) for row in table if row["focal_px"] is not None}
     frames = len({row["frame_id"] for row in table})
-    cells = [name, str(size), method, f"{100 * len(posed) / markers:.1f}", str(len(failed))]
+    cells = [name, str(size), method, str(frames), f"{100 * len(posed) / markers:.1f}", str(len(failed))]
     if not focal:
         return [*cells, *(("0", "-", "-", "-", "-") if method not in ("wu2004", "szpak2015") else ("", "", "", "", ""))]
     errors = np.array([np.log(f / FOCAL_PX) for f, _ in focal.values()])

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/helpers"))
 
 from helpers_circles import CircleScene, circle_scene, noisy_ellipses, scattered  # noqa: E402
-from related_images import image_tables, markdown_table  # noqa: E402
+from related_images import SIZES_PX, image_tables, markdown_table  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 from roundel.scenes.camera.focal_fusion import fused_focal_px  # noqa: E402
@@ -315,6 +315,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=500)
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--frames", type=int, default=40, help="of each marker and size")
+    parser.add_argument("--sizes", type=int, nargs="+", default=SIZES_PX, help="semi-axes, px")
     parser.add_argument("--data", type=Path, default=ROOT / "out/bench-related", help="folder of the datasets")
     parser.add_argument("--markdown", type=Path, help="write the page to this file instead of printing it")
     arguments = parser.parse_args()
@@ -322,7 +323,7 @@ def main() -> None:
         exact=exact_table(arguments.scenes),
         noise=noise_table(arguments.trials),
         known=known_camera_table(arguments.trials),
-        images=image_tables(arguments.data, arguments.frames),
+        images=image_tables(arguments.data, arguments.frames, arguments.sizes),
         largest=LARGEST_SIGMA,
     )
     if arguments.markdown:
