@@ -101,10 +101,9 @@ def judge(score: Score, frame: int, truth: dict[str, Any], focal_px: float, answ
     score.focal.append((float(truth["distance_D"]), measured, sigma, *errors_of_log))
 
 
-def measure(dataset: Dataset, count: int | None) -> dict[str, Score]:
-    """Every method over the frames of its marker."""
+def measure(dataset: Dataset, count: int | None, scores: dict[str, Score]) -> None:
+    """Enter every method over the frames of its marker."""
     finders = {name: importlib.import_module(f"roundel.solver.related.{name}").find for name in READS}
-    scores = {name: Score() for name in READS}
     images, rows = dataset.images, {row["frame_id"]: row for row in dataset.truth.to_pylist()}
     for i, frame in enumerate(images.frame_ids):
         markers, camera = images.markers(i), images.camera(i)
@@ -128,7 +127,6 @@ def measure(dataset: Dataset, count: int | None) -> dict[str, Score]:
             judge(score, frame, rows[frame], float(camera.K[0, 0]), answer, identity)
             if score.found == before:
                 score.missed.append((frame, float(rows[frame]["tilt_deg"]), reason))
-    return scores
 
 
 def table(scores: dict[str, Score]) -> tuple[str, bool]:
@@ -140,7 +138,7 @@ def table(scores: dict[str, Score]) -> tuple[str, bool]:
     ]
     good = True
     for name, s in scores.items():
-        if not s.frames:
+        if not s.normal_deg:
             continue
         low, high = interval(s.found, s.frames)
         most = interval(len(s.wrong_identity), max(s.found, 1))[1]
@@ -191,7 +189,11 @@ def main() -> int:
     given = parser.parse_args()
     if not (given.work / files.MANIFEST).is_file():
         render_study(load_study(HERE / "coded_markers.yaml"), given.work)
-    scores = measure(open_dataset(given.work), given.frames)
+    scores = {name: Score() for name in READS}
+    try:
+        measure(open_dataset(given.work), given.frames, scores)
+    except KeyboardInterrupt:
+        print("interrupted: the figures so far", file=sys.stderr)
     text, good = table(scores)
     print(text)
     for name, s in scores.items():
