@@ -34,6 +34,10 @@ _CHANCE = 3.0  # standard deviations of a chi-square beyond which it is none
 _ROUNDS, _WORST = 8, 4.0  # of leaving out dots, each time those within this factor of the worst
 # A focal length known worse than this was not determined by the views: the prior of any camera is better.
 _UNDETERMINED = 0.1
+# RMS of the residual, of the image's width: paper on a wall leaves a sixth of it.
+_FARTHEST = 0.0005
+_MOSTLY = 0.7  # of the circles
+_ONE_CAMERA = "all views need one board, flat, and one camera with the same zoom"
 # Standard deviation added to the ellipses at first, px: far from the minimum their covariances are too narrow a valley.
 _SOFT_PX = 1.0
 
@@ -215,19 +219,28 @@ def _check_determined(found: Adjusted) -> None:
     """Refuse views from which no camera follows."""
     covariance = found.covariance()
     sigma = np.inf if covariance is None else float(np.sqrt(covariance[:2, :2].max())) / found.model.camera.K[0, 0]
-    if not found.converged or not sigma < _UNDETERMINED:
+    if not sigma < _UNDETERMINED:
         tilt = np.degrees(np.arccos(np.clip(np.abs(found.model.poses[:, 2, 2]), 0.0, 1.0)))
         known = "not at all" if not np.isfinite(sigma) or sigma > 1 else f"to {100 * sigma:.0f} %"
         raise NotComparableError(
             f"the views determine the focal length {known}: the board is tilted by {tilt.max():.0f} degrees at most; "
             "tilt it by 20 to 45 degrees in several directions"
         )
+    if not found.converged:
+        raise NotComparableError(f"no camera fits the circles; {_ONE_CAMERA}")
 
 
 def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> GridCalibration:
     covariance = found.covariance()
     assert covariance is not None, "_check_determined"
     camera = found.model.camera
+    rms_px = math.sqrt(float(np.mean(np.sum(found.residual[:, :2] ** 2, axis=1))))
+    if rms_px > _FARTHEST * camera.width_px:
+        raise NotComparableError(
+            f"the circles lie {rms_px:.2f} px (RMS) from where any camera would image a flat grid; {_ONE_CAMERA}"
+        )
+    if len(dots) < _MOSTLY * total:
+        raise NotComparableError(f"only {len(dots)} of {total} circles fit one camera and one grid; {_ONE_CAMERA}")
     freedom = 5 * len(dots) - len(covariance) - POSE * len(views)
     chi_square = float(found.chi_square.sum()) / freedom
     raised = 1.0
@@ -247,7 +260,7 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
         math.sqrt(raised),
         found.model.diameter_m,
         found.model.edge_px,
-        math.sqrt(float(np.mean(np.sum(found.residual[:, :2] ** 2, axis=1)))),
+        rms_px,
         len(dots),
         total - len(dots),
         views,

@@ -18,13 +18,10 @@ from roundel.solver.calibration.grid_layout import GridLayout
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# Relative tolerance of a neighbour's distance: the next farther ones are at 1.41 of it.
-_DISTANCE = 0.18
-_NEAREST = 0.75
-# And of its direction, in steps of the lattice.
-_PLACE = 0.3
-# Dots of a board differ in size by perspective alone, which neighbours share.
-_SIZE = 1.5
+# Tolerance of a neighbour's distance, relative to the pitch: the next farther dots are at 1.41 of it, none is nearer.
+_DISTANCE, _NEAREST = 0.18, 0.75
+_PLACE = 0.3  # of its direction, in steps of the lattice
+_SIZE = 1.5  # ratio of neighbours' radii: dots of a board differ by perspective alone
 
 
 def lattice_of(shapes: Array, pitch_radii: float) -> tuple[Indices, Indices]:

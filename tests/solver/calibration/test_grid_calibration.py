@@ -102,6 +102,20 @@ def test_frontal_views_do_not_determine_the_focal_length() -> None:
         calibrate_dots(noisy(exact_dots(GRID_CAMERA, frontal, GRID, 0.02), np.random.default_rng(0)), 0.018, SIZE)
 
 
+def test_views_of_two_cameras_are_none_of_one() -> None:
+    zoomed = replace(GRID_CAMERA, K=GRID_CAMERA.K * np.array([[1.3], [1.3], [1.0]]))
+    near, far = (
+        exact_dots(GRID_CAMERA, grid_poses(3), GRID, 0.02),
+        exact_dots(zoomed, grid_poses(3, 1, 0.55), GRID, 0.02),
+    )
+    both = Dots(
+        np.concatenate([near.view, far.view + 3]),
+        *(np.concatenate([getattr(near, n), getattr(far, n)]) for n in ("centre_m", "shape", "shape_cov")),
+    )
+    with pytest.raises(NotComparableError, match=r"all views need one board, flat, and one camera with the same zoom"):
+        calibrate_dots(both, GRID.diameter_m, SIZE)
+
+
 def test_two_views_are_too_few() -> None:
     with pytest.raises(NotComparableError, match="found in 2 of 2 views; a calibration needs 3"):
         calibrate_dots(exact_dots(GRID_CAMERA, grid_poses(2), GRID), GRID.diameter_m, SIZE)
