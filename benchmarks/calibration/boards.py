@@ -203,10 +203,11 @@ def coverage(errors: Array, sigmas: Array) -> Array:
 
 def tables(records: list[dict[str, Any]]) -> str:
     views = [record["views"] for record in records]
+    spread = str(min(views)) if min(views) == max(views) else f"{min(views)} to {max(views)}"
     missed = {name: sum(record["missed"][name] for record in records) for name in METHODS}
     lines = [
-        f"{len(records)} sets of {min(views)} to {max(views)} views in which every method found its board; views that a "
-        f"method missed: {', '.join(f'{name} {count}' for name, count in missed.items())}.",
+        f"{len(records)} sets of {spread} views in which every method found its board; views that "
+        f"a method missed: {', '.join(f'{name} {count}' for name, count in missed.items())}.",
         "",
         "Mean error over the sets with its 95 % interval, px:",
         "",
@@ -215,7 +216,9 @@ def tables(records: list[dict[str, Any]]) -> str:
     ]
     for name in METHODS:
         mean, half = mean_interval(errors_of(records, name)[0])
-        lines.append(f"| {name} | " + " | ".join(f"{m:+.3f} ± {h:.3f}" for m, h in zip(mean[:4], half[:4])) + " |")
+        lines.append(
+            f"| {name} | " + " | ".join(f"{m:+.3f} ± {h:.3f}" for m, h in zip(mean[:4], half[:4], strict=True)) + " |"
+        )
     lines += ["", "RMS error, px, and the median over the sets of the projection difference over the image, px:", ""]
     lines += [
         "| method | fx | fy | cx | cy | mean | mean, rotated | largest | CPU s |",
@@ -248,9 +251,13 @@ def failures(records: list[dict[str, Any]]) -> list[str]:
     ours, sigmas = errors_of(records, "Roundel, circles")
     theirs, _ = errors_of(records, "OpenCV, circles")
     mean, half = mean_interval(ours)
-    found = [f"{name} is biased" for name, m, h in zip(PARAMETERS[:4], mean, half) if abs(m) > h]
+    found = [f"{name} is biased" for name, m, h in zip(PARAMETERS[:4], mean[:4], half[:4], strict=True) if abs(m) > h]
     better = np.sqrt(np.mean(ours**2, axis=0)) < np.sqrt(np.mean(theirs**2, axis=0))
-    found += [f"{name} is no better than OpenCV's from circles" for name, b in zip(PARAMETERS[:4], better) if not b]
+    found += [
+        f"{name} is no better than OpenCV's from circles"
+        for name, b in zip(PARAMETERS[:4], better[:4], strict=True)
+        if not b
+    ]
     share = float(coverage(ours, sigmas).mean())
     if not LEAST_COVERAGE <= share <= MOST_COVERAGE:
         found.append(f"{100 * share:.0f} % of the 95 % intervals hold the truth")
