@@ -28,6 +28,8 @@ from roundel.validate.scores.readings import IDENTITIES
 
 SALT, COMMITMENT = "salt.txt", "truth_salted_sha256"
 _IDENTITY = "identity.json"
+# Keys of a layout that tell the identity, also as what is printed.
+_TELLING = (*IDENTITIES, "radii", "code")
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ def salted(salt: str, data: bytes) -> str:
 
 def _taken(markers: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Take the identities out of the printed markers of a frame, and return them."""
-    return [{key: m["layout"].pop(key) for key in IDENTITIES if key in m["layout"]} for m in markers]
+    return [{key: m["layout"].pop(key) for key in _TELLING if key in m["layout"]} for m in markers]
 
 
 def _json(value: Any) -> bytes:
