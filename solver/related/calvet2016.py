@@ -115,6 +115,8 @@ def centre_by_cuts(image: LightImage, conic: Array) -> Array | None:
     left = disagreement(w)
     for _ in range(_ROUNDS):
         jacobian = np.stack([(disagreement(w + d) - disagreement(w - d)) / 0.01 for d in 0.005 * np.eye(2)], axis=1)
+        if not np.all(np.isfinite(jacobian)):  # a step further the cuts leave the image
+            break
         step = np.clip(-np.linalg.lstsq(jacobian, left, rcond=None)[0], -0.03, 0.03)
         while np.abs(step).max() > 1e-5:
             ahead = disagreement(w + step) if np.hypot(*(w + step)) < 0.5 else np.full_like(left, np.inf)

@@ -7,6 +7,7 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.scenes.markers.ring_codes import ring_code_radii
 from roundel.solver.methods.plugin import MethodFailure
 from roundel.solver.related.calvet2016 import (
+    _STEPS,
     centre_by_cuts,
     find,
     focal_of_circular_points,
@@ -118,3 +119,17 @@ def test_thin_crowns_at_high_tilt_are_read_by_their_outline() -> None:
         levels = drawn((96, 96), plane_homography(pose, K), *crowns(ring_code_radii(identity)))
         (found,) = find(view_of(levels, K, "ring_code"))
         assert found.identity == identity
+
+
+def test_cuts_that_end_at_the_border_are_followed_no_further() -> None:
+    """A hundredth of a radius further their levels are unknown: a solution of NaN was once asked for."""
+
+    class Border:
+        def at(self, px: np.ndarray) -> np.ndarray:
+            inside = np.abs(px[..., 0]) < 9.9
+            return np.where(inside, np.sin(0.7 * np.hypot(px[..., 0] - 0.02, px[..., 1])), np.nan)
+
+    reach = 9.9 / ((_STEPS - 0.5) / _STEPS)
+    conic = np.diag([-1.0, -1.0, (reach - 1e-3) ** 2])
+    found = centre_by_cuts(Border(), conic)
+    assert found is None or np.isfinite(found).all()
