@@ -54,6 +54,8 @@ Array = NDArray[np.float64]
 KINDS = ("dot_code",)
 
 _FEWEST_DOTS = 11
+_MOST_DOTS = 60  # blobs of a dot's size within a marker's reach: three times as many as its places are a texture
+_SMALLEST, _LARGEST = 0.6, 1.6  # size of a ring by a pair of dots over that by a dot's own size
 _NEAR = 0.13  # outer radii: less than half the distance between two places
 _HYPOTHESES = 12
 _ALIKE = 0.1  # distance of two centres, outer radii
@@ -110,18 +112,19 @@ def ring_hypotheses(blobs: Blobs, places: Array) -> list[Array]:
         local = _root(shape)
         away = (blobs.centre - blobs.centre[i]) @ np.linalg.inv(local).T / whole
         near = np.flatnonzero((np.hypot(*away.T) < 2.6) & (sizes < 1.6 * sizes[i]) & (sizes > 0.4 * sizes[i]))
-        if len(near) < _FEWEST_DOTS:
+        if not _FEWEST_DOTS <= len(near) <= _MOST_DOTS:
             continue
         shapes = blobs.spread[near] / np.sqrt(np.linalg.det(blobs.spread[near]))[:, None, None]
         # Large dots have the better shapes.
         shape = np.einsum("n,nij->ij", sizes[near] ** 2, shapes)
         local = _root(shape / math.sqrt(float(np.linalg.det(shape))))
         flat = (blobs.centre[near] - blobs.centre[i]) @ np.linalg.inv(local).T
-        for j, other in zip(near, flat, strict=True):
-            if j == i:
-                continue
-            for k in range(1, SECTORS // 2 + 1):
-                out += _votes(other, k * angle, flat, whole, places, blobs.centre[i], local)
+        turns = np.arange(1, SECTORS // 2 + 1) * angle
+        # Their distance on the ring gives its size, which has to be that of the dot.
+        chord = np.abs(OUTER_RING * (np.exp(1j * turns) - 1)) * whole
+        scale = np.hypot(*flat.T)[:, None] / chord
+        for j, k in np.argwhere((scale > _SMALLEST) & (scale < _LARGEST)).tolist():
+            out += _votes(flat[j], float(turns[k]), flat, places, blobs.centre[i], local)
     out.sort(key=lambda pair: -pair[0])
     kept: list[Array] = []
     for _, matrix in out:
@@ -134,16 +137,12 @@ def ring_hypotheses(blobs: Blobs, places: Array) -> list[Array]:
     return kept
 
 
-def _votes(
-    other: Array, turn: float, flat: Array, whole: float, places: Array, at: Array, local: Array
-) -> list[tuple[float, Array]]:
+def _votes(other: Array, turn: float, flat: Array, places: Array, at: Array, local: Array) -> list[tuple[float, Array]]:
     """The ring on which a dot at the origin is followed by one at `other`, turn radians further, with its votes."""
     z = complex(other[0], -other[1])  # Y up
     first = OUTER_RING
     # The similarity X -> s X + c with s first = -c and s first e^(i turn) = z - c.
     s = z / (first * (np.exp(1j * turn) - 1))
-    if not 0.6 < abs(s) / whole < 1.6:
-        return []
     c = -s * first
     plane = ((flat[:, 0] - 1j * flat[:, 1]) - c) / s
     place = places[:, 0] + 1j * places[:, 1]

@@ -68,6 +68,7 @@ def ink_blobs(levels: Array, noise_dn: float, light: bool = False) -> Blobs:
     """
     image = np.asarray(-levels if light else levels, dtype=np.float32)
     kept: list[tuple[Array, Array, float]] = []
+    cells: dict[tuple[int, int], list[Array]] = {}
     for window in _WINDOWS:
         if window > 2 * min(image.shape):
             break
@@ -82,8 +83,14 @@ def ink_blobs(levels: Array, noise_dn: float, light: bool = False) -> Blobs:
             if x == 0 or y == 0 or x + w == image.shape[1] or y + h == image.shape[0]:
                 continue
             blob = _moments(image, np.asarray(labels, dtype=np.int32), k, (x, y, w, h))
-            if blob is not None and all(np.hypot(*(blob[0] - c)) > 1.0 for c, _, _ in kept):
+            if blob is None:
+                continue
+            # A centre within a pixel is in its own cell or in one of the eight around it.
+            column, row = (int(v) for v in np.floor(blob[0]))
+            beside = [c for i in (-1, 0, 1) for j in (-1, 0, 1) for c in cells.get((column + i, row + j), ())]
+            if all(np.hypot(*(blob[0] - c)) > 1.0 for c in beside):
                 kept.append(blob)
+                cells.setdefault((column, row), []).append(blob[0])
     if not kept:
         return Blobs(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))
     centres, spreads, variances = zip(*kept, strict=True)
