@@ -20,8 +20,8 @@ def main(league: Path) -> None:
         text = (league / "tables" / f"{name}.md").read_text(encoding="utf-8")
         # The page has its own headings.
         (HERE / f"{name}.md").write_text(re.sub(r"\A\*\*.*?\*\*\n\n", "", text))
+    (HERE / "conditions.csv").write_text((league / "tables" / "conditions.csv").read_text(encoding="utf-8"))
     record = json.loads((league / "league.json").read_text(encoding="utf-8"))
-    (HERE / "league.json").write_text(json.dumps(record, separators=(",", ":"), sort_keys=True) + "\n")
     dataset = record["dataset"]
     sys.stdout.write(
         f"dataset {dataset['dataset_id'][:12]}, {dataset['frames']} frames; left out: {record['left_out']}\n"

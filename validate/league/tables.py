@@ -9,6 +9,7 @@ from roundel.validate.league.standings import ALL, Standing
 from roundel.validate.statistics.intervals import Interval
 from roundel.validate.tables.table import Cell, Column, Table
 
+_NAMED = 3  # winners of a condition that are named
 NAMES = ("overall", "conditions", "focal", "winners")
 
 
@@ -111,17 +112,23 @@ def _focal(standings: Sequence[Standing]) -> list[Table]:
     return [Table("focal", "Focal length", columns, rows, note)]
 
 
+def _first(names: Sequence[str]) -> str:
+    """The best names, and how many more there are."""
+    more = len(names) - _NAMED
+    return "; ".join([*names[:_NAMED], *([f"{more} more"] if more > 0 else [])])
+
+
 def _winners(standings: Sequence[Standing]) -> Table:
     known = [s for s in standings if s.intrinsics == "true"]
     found, normal, position = (winners(known, panel) for panel in ("recall", "chosen", "position"))
     conditions = dict.fromkeys(s.condition for s in known if s.condition != ALL)
     best = (found, normal, position)
-    rows = tuple((c, *("; ".join(those.get(c, ())) for those in best)) for c in conditions)
+    rows = tuple((c, *(_first(those.get(c, [])) for those in best)) for c in conditions)
     columns = (
         Column("condition", "Condition"),
         Column("found", "Found most"),
         Column("normal", "Best normal of a chosen pose"),
         Column("position", "Best position"),
     )
-    note = "With known intrinsics. The best first, then all whose 95 % interval contains its value."
+    note = "With known intrinsics. The best first, then those whose 95 % interval contains its value."
     return Table("winners", "Who wins where", columns, rows, note)
