@@ -10,7 +10,7 @@ from roundel.scenes.geometry.pose import angle_deg
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.markers.ring_codes import ring_code_radii
 from roundel.solver.methods.plugin import Found, MethodFailure
-from roundel.solver.related.pagani2011 import choose_pose, expected_prints, find, polar_grid
+from roundel.solver.related.pagani2011 import choose_pose, decides, expected_prints, find, polar_grid
 from roundel.solver.views.circles_of_view import CircleImage
 from roundel.solver.views.disc_coverage import coverage_of
 from roundel.solver.views.marker_pixels import light_image
@@ -114,3 +114,9 @@ def test_another_print_than_the_expected_one_is_refused() -> None:
 def test_an_empty_image_has_nothing() -> None:
     _, K = small_view(np.random.default_rng(7))
     assert find(view_of(np.full((96, 96), 180.0), K, "rings", {"diameters_m": [2.0, 0.8, 0.4]})) == []
+
+
+@pytest.mark.parametrize(("better", "worse"), [(0.827, 0.624), (0.8561, 0.7647), (0.8561, 0.6197)])
+def test_correlations_with_which_a_wrong_identity_was_read_do_not_decide(better: float, worse: float) -> None:
+    assert not decides(better, worse)
+    assert decides(0.95, 0.75)
