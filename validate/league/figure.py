@@ -78,7 +78,7 @@ PANELS = {
         lambda v: number(v, 2),
     ),
     "focal": Panel(
-        "focal length measured from one image, median error, %",
+        "focal length measured without a prior, median error, %",
         lambda s: s.errors["focal_error_pct"],
         _decades(0.3, 30.0),
         lambda v: number(v, 2),
@@ -103,7 +103,10 @@ def league_pictures(standings: Sequence[Standing]) -> list[Picture]:
     entries = {(s.entry, s.variant) for s in measured}
     if entries:
         shown = [s for s in standings if s.intrinsics == "default" and (s.entry, s.variant) in entries]
-        caption = "Focal length that each entry measures from one image alone, without a prior. The marks are as above."
+        caption = (
+            "Focal length that each entry measures from its images alone, without a prior: huang2015 and pollefeys1999 "
+            "from several by the same camera, all others from one. The marks are as above."
+        )
         out.append(_picture("league-focal", caption, shown, ("focal",)))
     return out
 

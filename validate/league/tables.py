@@ -47,9 +47,8 @@ _RESULTS = (
 
 
 def _results(s: Standing) -> tuple[Cell, ...]:
-    read = s.rates["identity_read"].n
     told = s.rates["identity_correct"]
-    wrong = None if not read else round(told.n * (1.0 - (told.value if told.value is not None else 1.0)))
+    wrong = None if told.value is None else round(told.n * (1.0 - told.value))
     return (
         s.frames,
         *_percent(s.rates["found"]),
