@@ -3,8 +3,7 @@
 bundle: Bundle adjustment of a camera and the poses of its boards, from ellipses with covariance
 calibrate_images: Calibration from images of a circle grid: arrays, photographs, or the frames of a dataset
 contour_model: Predicted images of a board's circles, and their derivatives by camera, board pose and dot diameter
-first_camera: A first camera and first poses from the homographies of a plane, for the bundle adjustment to start
-    from
+first_camera: A first camera from the homographies of a plane, for the bundle adjustment to start from
 fitted_ellipse: The ellipse that a least-squares fit finds on a contour that is not quite one, and its derivative
 grid_calibration: Calibration of a camera from views of a circle grid, without the bias of circle centres
 grid_image: The dots of a circle grid in one image: detected, ordered, and fitted to the pixels

@@ -20,9 +20,10 @@ from roundel.scenes.camera.model import Camera, distorts
 from roundel.scenes.errors import NotComparableError
 from roundel.solver.calibration.bundle import Adjusted, adjust
 from roundel.solver.calibration.contour_model import MAX_BEND, POSE, Dots, Model, bend_powers
-from roundel.solver.calibration.first_camera import first_camera, homography, pose_of_homography
+from roundel.solver.calibration.first_camera import first_camera
 from roundel.solver.calibration.grid_image import MIN_DOTS, GridImage, fit_dots
 from roundel.solver.calibration.grid_layout import GridLayout
+from roundel.solver.pose.direct_homography import homography, pose_of_homography
 
 Array = NDArray[np.float64]
 
@@ -209,9 +210,12 @@ def _start(dots: Dots, diameter_m: float, size_px: tuple[int, int], coefficients
     """Camera and poses by homographies of the centres, then by ellipses with softened covariances."""
     views = range(int(dots.view.max()) + 1)
     # Centres in undistorted coordinates of an earlier lens are good enough to start from.
-    maps = [homography(dots.centre_m[dots.view == v], dots.shape[dots.view == v, :2]) for v in views]
+    try:
+        maps = [homography(dots.centre_m[dots.view == v], dots.shape[dots.view == v, :2]) for v in views]
+    except ValueError as error:
+        raise NotComparableError(f"a view shows too little of the circle grid: {error}") from error
     camera = first_camera(maps, *size_px, coefficients)
-    model = Model(camera, diameter_m, np.stack([pose_of_homography(h, camera) for h in maps]))
+    model = Model(camera, diameter_m, np.stack([pose_of_homography(h, camera.K) for h in maps]))
     return adjust(model, replace(dots, shape_cov=dots.shape_cov + _SOFT_PX**2 * np.eye(5))).model
 
 

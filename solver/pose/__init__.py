@@ -7,6 +7,7 @@ circle_pose_batch: Both poses of many circles at once, vectorised; `circle_pose`
 circle_pose_scalar: Both poses of a single circle in plain Python floats, without the overhead of vectorised calls
 coplanar_circles: Maximum likelihood for circles of one plane: focal length, normal, centres and radii from their
     ellipses
+direct_homography: Homography from points of a plane to the image, and the pose that it shows, without iteration
 focal_uncertainty: Standard deviation of log f, the focal length, of a closed form of ellipses and of a least sum of
     squares
 plane_focal: Focal length from one view of a known plane: square pixels and a known principal point

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from roundel.solver.pose.direct_homography import homography
 from roundel.solver.pose.focal_uncertainty import profile_sigma
 from roundel.solver.pose.plane_pose import PlanePoints, PlanePose, normalised, plane_poses, refined_pose
 
@@ -39,29 +40,6 @@ class PlaneFocal:
     focal_px: float
     sigma_px: float
     pose: PlanePose
-
-
-def homography(points_m: ArrayLike, image: ArrayLike) -> Array:
-    """Homography (3, 3) from the plane (N, 2+) to the image (N, 2): normalised DLT (Hartley and Zisserman, 4.4.4)."""
-    plane, pixel = np.asarray(points_m, dtype=np.float64)[:, :2], np.asarray(image, dtype=np.float64)
-    to_plane, to_pixel = _similarity(plane), _similarity(pixel)
-    a, b = _moved(to_plane, plane), _moved(to_pixel, pixel)
-    zero = np.zeros_like(a)
-    rows = np.concatenate(
-        [np.concatenate([a, zero, -b[:, :1] * a], axis=1), np.concatenate([zero, a, -b[:, 1:2] * a], axis=1)]
-    )
-    h = np.linalg.svd(rows)[2][-1].reshape(3, 3)
-    return np.asarray(np.linalg.inv(to_pixel) @ h @ to_plane)
-
-
-def _similarity(points: Array) -> Array:
-    middle = points.mean(axis=0)
-    scale = np.sqrt(2) / np.linalg.norm(points - middle, axis=1).mean()
-    return np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
-
-
-def _moved(similarity: Array, points: Array) -> Array:
-    return np.concatenate([points, np.ones((len(points), 1))], axis=1) @ similarity.T
 
 
 def squared_focals(h: ArrayLike) -> tuple[float, float]:
@@ -112,7 +90,7 @@ def focal_from_plane(given: PlanePoints, square: bool = False) -> PlaneFocal:
 def _best_fit(given: PlanePoints, square: bool) -> PlanePose | None:
     """The joint fit of pose and focal length, from the closed form; from other focal lengths if that fits badly."""
     # In units of the camera's focal length: square pixels, centred on the principal point.
-    (a1, b1), (a2, b2) = _constraints(homography(given.points_m, normalised(given, 0.0)))
+    (a1, b1), (a2, b2) = _constraints(homography(given.points_m[:, :2], normalised(given, 0.0)))
     squared = -(a1 * b1 + a2 * b2) / max(b1 * b1 + b2 * b2, 1e-300)
     closed = [0.5 * float(np.log(squared))] if 1e-3 < squared < 1e3 else []
     best: PlanePose | None = None

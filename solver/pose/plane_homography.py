@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from roundel.solver.fit.ellipse import FailedFit, inverse_of, shape_of_ellipse
 from roundel.solver.fit.levenberg_marquardt import minimise
 from roundel.solver.pose.coplanar_circles import shapes_of_spread
+from roundel.solver.pose.direct_homography import homography
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,10 @@ def fit_homography(
         _, spread, corner = imaged(theta)
         return bool(np.all(corner > 0) and np.all(spread[:, 0, 0] > 0) and np.all(np.linalg.det(spread) > 0))
 
-    start = _direct(plane, image)
+    try:
+        start = homography(plane, image).ravel()[:8]
+    except ValueError as error:
+        return FailedFit(str(error))
     if not valid(start):
         return FailedFit("the ellipses are not those of circles at these places")
     theta, at = minimise(start, rows, valid, 1e-12)
@@ -115,13 +119,3 @@ def _frame(points: Array) -> Array:
     middle = points.mean(axis=0)
     size = float(np.max(np.linalg.norm(points - middle, axis=1)))
     return np.array([[size, 0.0, middle[0]], [0.0, size, middle[1]], [0.0, 0.0, 1.0]])
-
-
-def _direct(plane: Array, image: Array) -> Array:
-    """The first eight elements of the homography between points, algebraically; the ninth is one."""
-    ones, zeros = np.ones((len(plane), 1)), np.zeros((len(plane), 3))
-    p = np.hstack([plane, ones])
-    x, y = image.T
-    first = np.hstack([p, zeros, -x[:, None] * plane])
-    second = np.hstack([zeros, p, -y[:, None] * plane])
-    return np.asarray(np.linalg.lstsq(np.vstack([first, second]), np.concatenate([x, y]), rcond=None)[0])

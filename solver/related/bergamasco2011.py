@@ -36,6 +36,7 @@ from roundel.scenes.markers.dot_codes import (
     inked_places,
 )
 from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.pose.direct_homography import homography
 from roundel.solver.views.circles_of_view import require_kind
 from roundel.solver.views.disc_coverage import coverage_of
 from roundel.solver.views.disc_pattern import Pixels, fit_pattern, levels_columns
@@ -176,29 +177,11 @@ def matched(blobs: Blobs, matrix: Array, places: Array) -> tuple[Array, NDArray[
         here, there = here[keep], there[keep]
         if len(here) < _FEWEST_DOTS:
             return matrix, here[:0], there[:0]
-        better = _homography(places[there, :2], blobs.centre[here])
-        if better is None:
+        try:
+            matrix = homography(places[there, :2], blobs.centre[here])
+        except ValueError:
             return matrix, here[:0], there[:0]
-        matrix = better
     return matrix, here, there
-
-
-def _homography(plane: Array, image: Array) -> Array | None:
-    """Least squares of the positions, with the image centred and scaled (Hartley); None if it is degenerate."""
-    middle, scale = image.mean(axis=0), float(np.std(image)) or 1.0
-    x, y = ((image - middle) / scale).T
-    point = np.column_stack([plane, np.ones(len(plane))])
-    rows = np.concatenate(
-        [
-            np.concatenate([point, np.zeros_like(point), -x[:, None] * plane], axis=1),
-            np.concatenate([np.zeros_like(point), point, -y[:, None] * plane], axis=1),
-        ]
-    )
-    solution, _, rank, _ = np.linalg.lstsq(rows, np.concatenate([x, y]), rcond=1e-10)
-    if rank < 8:
-        return None
-    back = np.array([[scale, 0.0, middle[0]], [0.0, scale, middle[1]], [0.0, 0.0, 1.0]])
-    return np.asarray(back @ np.append(solution, 1.0).reshape(3, 3))
 
 
 def decode(present: NDArray[np.bool_], unsure: NDArray[np.bool_]) -> tuple[int, int, int] | None:

@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
+from roundel.solver.pose.direct_homography import pose_of_homography
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal, profiled_focal
 from roundel.solver.pose.plane_homography import PlaneHomography, fit_homography
 from roundel.solver.views.circles_of_view import CircleImage, circles_of_view
@@ -167,7 +168,8 @@ def find(view: View) -> list[Found]:
         measured = None
     camera = camera_of(view, measured)
     plane, circles, places = own
-    normal, centres = _pose(np.linalg.inv(camera.K) @ plane.H, places)
+    pose = pose_of_homography(plane.H, camera.K)
+    normal, centres = pose[:3, 2], pose[:3, 3] + places @ pose[:3, :2].T
     return [
         Found(
             poses=[(normal, centre)],
@@ -259,14 +261,6 @@ def _dots_of(view: View) -> tuple[PlaneHomography, list[CircleImage], Array]:
         raise MethodFailure(f"the circles found are not the dots of the ring: {fit.reason}")
     refuse_misfit(fit, "the circles found are not the dots of the ring")
     return fit, [circles[i] for i in order], places
-
-
-def _pose(normalised: Array, places: Array) -> tuple[Array, Array]:
-    """Normal (3,) and centres (n, 3) in the camera frame of points (n, 2), from K^-1 H."""
-    a, b, c = normalised.T * (2.0 / (np.linalg.norm(normalised[:, 0]) + np.linalg.norm(normalised[:, 1])))
-    u, _, v = np.linalg.svd(np.stack([a, b, np.cross(a, b)], axis=1))
-    rotation = u @ v
-    return rotation[:, 2], c + places @ rotation[:, :2].T
 
 
 def _refuse_few(count: int, kind: type[ValueError] = ValueError) -> None:

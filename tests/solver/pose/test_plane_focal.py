@@ -9,7 +9,8 @@ from helpers_boards import SQUARE, PlaneView, pinhole, plane_views
 from roundel.scenes.camera.focal_fusion import fused_focal_px
 from roundel.scenes.camera.model import Camera, project
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
-from roundel.solver.pose.plane_focal import focal_from_plane, homography, squared_focals
+from roundel.solver.pose.direct_homography import homography
+from roundel.solver.pose.plane_focal import focal_from_plane, squared_focals
 from roundel.solver.pose.plane_pose import plane_points
 
 PRIOR_SIGMA = 0.115
@@ -26,7 +27,7 @@ def test_exact_corners_give_the_focal_length_whatever_camera_is_assumed(scenes):
 
 def test_both_constraints_hold_on_exact_homographies():
     for view in plane_views(500, 2):
-        h = homography(SQUARE, view.pixels - [319.5, 239.5])
+        h = homography(SQUARE[:, :2], view.pixels - [319.5, 239.5])
         f2 = view.camera.K[0, 0] ** 2
         scale = np.abs(h[2, :2]).max() ** 2 * f2
         (first, second), (zero, one) = squared_focals(h), (h[2, 0] * h[2, 1], h[2, 0] ** 2 - h[2, 1] ** 2)
