@@ -7,13 +7,12 @@ true focal length makes them agree, so that the focal length is measured, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.focal_fusion import fused_focal_px
+from roundel.scenes.camera.focal_fusion import fused_focal_px, with_focal
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic
 from roundel.scenes.geometry.pose import camera_from_marker_of
@@ -134,7 +133,7 @@ def solve_together(
     focal_sigma = best.focal_sigma * math.sqrt(scale)
     prior_px = float(given.camera.K[0, 0])
     focal_px, left = fused_focal_px(prior_px, given.focal_sigma, best.focal_px, best.focal_px * focal_sigma)
-    camera = _with_focal(given.camera, focal_px)
+    camera = with_focal(given.camera, focal_px)
     if given.focal_sigma > 0:
         final = fit_coplanar(e, covs, camera.K, best.normal, relative_radii=np.ones(len(e)), focal_known=True)
         if isinstance(final, FailedFit):
@@ -215,7 +214,7 @@ def _covariance(normal: Array, centre_m: Array, covs: Array, given: UncertainCam
 
     def shapes(x: Array) -> Array:
         axis, spots = moved(x[:2], x[2], x[6:8])
-        k = _with_focal(given.camera, given.camera.K[0, 0] * math.exp(x[3])).K.copy()
+        k = with_focal(given.camera, given.camera.K[0, 0] * math.exp(x[3])).K.copy()
         k[:2, 2] += x[4:6]
         poses = np.stack([camera_from_marker_of(axis, spot) for spot in spots])
         return shape_of_ellipse(ellipse_of_conic(conic_of_circle(poses, radius_m, k)))
@@ -248,16 +247,5 @@ def _covariance(normal: Array, centre_m: Array, covs: Array, given: UncertainCam
     return out
 
 
-def _with_focal(camera: Camera, focal_px: float) -> Camera:
-    k = camera.K.copy()
-    k[:2, :2] *= focal_px / k[0, 0]
-    return replace(camera, K=k)
-
-
 def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
-
-
-def is_coplanar(knowledge: Sequence[object]) -> bool:
-    """Whether one of the pieces of knowledge is `CoplanarCircles`."""
-    return any(isinstance(piece, CoplanarCircles) for piece in knowledge)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import conic_of_ellipse
 from roundel.solver.detect.detect import Detection
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
@@ -98,10 +97,3 @@ def require_kind(view: View, *kinds: str) -> None:
     printed = {str(marker["kind"]) for marker in view.markers}
     if printed and not printed & set(kinds):
         raise MethodFailure(f"it reads {' and '.join(kinds)}; the printed marker is {', '.join(sorted(printed))}")
-
-
-def with_focal(camera: Camera, focal_px: float) -> Camera:
-    """The camera with another focal length; the ratio of fy to fx is kept."""
-    k = camera.K.copy()
-    k[:2, :2] *= focal_px / camera.K[0, 0]
-    return replace(camera, K=k)

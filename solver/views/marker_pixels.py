@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.focal_fusion import fused_focal_px
+from roundel.scenes.camera.focal_fusion import fused_camera
 from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_px
 from roundel.scenes.geometry.conic import ellipse_of_conic
 from roundel.solver.detect.grey_image import noise_dn
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.photometry.image_levels import grey_levels
-from roundel.solver.views.circles_of_view import with_focal
 from roundel.solver.views.disc_pattern import Pixels
 from roundel.solver.views.homography_pose import (
     FocalMeasurement,
@@ -104,9 +103,8 @@ def metric_reading(view: View, measured: MeasuredHomography) -> MetricReading:
     """Focal length and poses: those for the view's focal length, fused with the measured one if it is uncertain."""
     focal = focal_of_homography(measured, view.camera.K, view.camera.width_px)
     camera = view.camera
-    if view.focal_sigma > 0 and focal is not None:
-        fused, _ = fused_focal_px(float(camera.K[0, 0]), view.focal_sigma, focal.focal_px, focal.sigma_px)
-        camera = with_focal(camera, fused)
+    if focal is not None:
+        camera = fused_camera(camera, view.focal_sigma, focal.focal_px, focal.sigma_px)
     return MetricReading(focal, camera, poses_of_homography(measured, camera.K))
 
 

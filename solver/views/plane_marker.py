@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.focal_fusion import fused_focal_px
+from roundel.scenes.camera.focal_fusion import fused_camera
 from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_px
 from roundel.solver.methods.plugin import Found, View
 from roundel.solver.pose.plane_focal import PlaneFocal, focal_from_plane
 from roundel.solver.pose.plane_pose import PlanePose, plane_points, plane_poses
-from roundel.solver.views.circles_of_view import with_focal
 
 Array = NDArray[np.float64]
 
@@ -50,8 +49,7 @@ def found_plane(
     focal = measured_focal(view.camera, points_m, pixels, cov_px2, square)
     camera, points = view.camera, pixels
     if focal is not None and view.focal_sigma > 0:
-        prior = float(camera.K[0, 0])
-        camera = with_focal(camera, fused_focal_px(prior, view.focal_sigma, focal.focal_px, focal.sigma_px)[0])
+        camera = fused_camera(camera, view.focal_sigma, focal.focal_px, focal.sigma_px)
         if distorts(camera):  # the lens model is in units of the focal length
             points = undistort_px(camera, distort_px(view.camera, pixels))
     poses = plane_poses(plane_points(points_m, points, camera, cov_px2), square=square)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_distribution
 
-from roundel.scenes.camera.focal_fusion import fused_focal_px
+from roundel.scenes.camera.focal_fusion import fused_camera
 from roundel.scenes.camera.model import Camera
 from roundel.solver.fit.ellipse import FailedFit
 from roundel.solver.methods.plugin import Found, MethodFailure, View
@@ -17,7 +17,7 @@ from roundel.solver.pose.circle_pose import poses_from_ellipse
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
 from roundel.solver.pose.focal_uncertainty import MeasuredFocal
 from roundel.solver.pose.plane_homography import PlaneHomography
-from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind, with_focal
+from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind
 
 Array = NDArray[np.float64]
 
@@ -91,11 +91,9 @@ def refuse_misfit(fit: CoplanarFit | PlaneHomography, what: str) -> None:
 
 def camera_of(view: View, focal: MeasuredFocal | None) -> Camera:
     """The camera for the poses: the view's, its focal length fused with the measured one where it is uncertain."""
-    if focal is None or view.focal_sigma <= 0:
+    if focal is None:
         return view.camera
-    prior = float(view.camera.K[0, 0])
-    fused, _ = fused_focal_px(prior, view.focal_sigma, focal.focal_px, focal.sigma * focal.focal_px)
-    return with_focal(view.camera, fused)
+    return fused_camera(view.camera, view.focal_sigma, focal.focal_px, focal.sigma * focal.focal_px)
 
 
 def fit_plane(ellipses: Array, covs: Array, K: Array, concentric: bool = False) -> CoplanarFit | FailedFit:
