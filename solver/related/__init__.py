@@ -14,8 +14,8 @@ gurdjos2006: Gurdjos: two or more parallel circles give the image of the circula
 huang2015: Huang: common self-polar triangles of two concentric circles in three or more views give the calibration
     matrix
 kim2005: Kim: two concentric circles give the image of their centre, the vanishing line, and the focal length
-opencv_centres: OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party
-    would write them
+opencv_centres: OpenCV's blob and grid detectors as plug-ins, written as a third party would: centres, or the pose
+    of a grid
 pagani2011: A known print tells which of the two poses of a circle is the true one
 pollefeys1999: Pollefeys: three or more views give the calibration of each by the absolute dual quadric
 szpak2015: Szpak: an ellipse that is one by construction, with its covariance and the confidence band of its contour

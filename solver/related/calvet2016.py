@@ -4,7 +4,7 @@ Source: L. Calvet, P. Gurdjos, C. Griwodz, S. Gasparini, Detection and accurate 
 highly challenging conditions, CVPR (2016). The steps are theirs: an outer ellipse; the image of the centre as the point
 for which the image, rectified by the homography of ellipse and centre, looks alike along all cuts from the centre to
 the rim; the identity as the nearest profile of a bank. From ellipse C and centre o follow the vanishing line v ~ C o,
-the normal K^T v, and the focal length by the circular points (v meets C).
+the normal K^T v, and the focal length by the circular points, where v meets C (`views.dual_circular_points`).
 
 Three things are ours. The outer ellipses come from Roundel's detector, or else from outlines of ink, instead of voting
 along gradients. The cuts are made to agree by Gauss-Newton from the best of a coarse grid, where the paper shrinks a
@@ -51,45 +51,6 @@ class RingReading:
 
     identity: int
     fit: PatternFit
-
-
-def vanishing_line_of(conic: Array, centre_px: Array) -> Array:
-    """V ~ C o, the polar of the centre's image: (3,), unit norm."""
-    line = conic @ np.array([centre_px[0], centre_px[1], 1.0])
-    return np.asarray(line / np.linalg.norm(line))
-
-
-def normal_of_line(line: Array, K: Array, conic: Array, centre_px: Array) -> Array:
-    """Unit normal toward the camera of the plane with a vanishing line: +-K^T v."""
-    normal = K.T @ line
-    normal = normal / np.linalg.norm(normal)
-    towards = np.linalg.solve(K, np.array([centre_px[0], centre_px[1], 1.0]))
-    return np.asarray(normal if normal @ towards < 0 else -normal)
-
-
-def focal_of_circular_points(conic: Array, centre_px: Array, K: Array) -> float:
-    """Focal length fx by the circular points, for square pixels: f^2 = -(I1^2 + I2^2) / I3^2 about the principal point.
-
-    Raises
-    ------
-    ValueError
-        If the plane is parallel to the image (I3 = 0), or no real focal length explains ellipse and centre.
-    """
-    axes = K.copy()
-    axes[:2, :2] /= K[0, 0]
-    about = axes.T @ conic @ axes
-    line = about @ np.linalg.solve(axes, np.array([centre_px[0], centre_px[1], 1.0]))
-    # Two points of the line; the circular point is p + z q with (p + z q)^T C (p + z q) = 0.
-    _, _, rows = np.linalg.svd(line[None])
-    p, q = rows[1], rows[2]
-    roots = np.roots([q @ about @ q, 2 * p @ about @ q, p @ about @ p])
-    point = p + roots[0] * q
-    if abs(point[2]) < 1e-12 * np.abs(point).max():
-        raise ValueError("the marker is parallel to the image: any focal length explains it")
-    square = -(point[0] ** 2 + point[1] ** 2) / point[2] ** 2
-    if not square.real > 0:
-        raise ValueError("no real focal length explains the ellipse and the image of its centre")
-    return math.sqrt(float(square.real))
 
 
 def centre_by_cuts(image: LightImage, conic: Array) -> Array | None:

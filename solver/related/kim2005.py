@@ -31,9 +31,7 @@ from roundel.solver.methods.plugin import Found, MethodFailure, View
 from roundel.solver.pose.coplanar_circles import CoplanarFit, fit_coplanar
 from roundel.solver.views.circles_of_view import CircleImage, circles_of_view, require_kind
 from roundel.solver.views.dual_circular_points import (
-    dual_circular_points,
-    focal_from_dual,
-    image_frame,
+    focal_from_line,
     line_from_centre,
     moved_conic,
     normal_from_line,
@@ -137,15 +135,9 @@ def focal_of_concentric(
         As `concentric_pair`; if the plane is parallel to the image, which leaves the focal length undetermined; or if
         no focal length fits.
     """
-    principal = np.asarray(principal_point, dtype=np.float64)
-    pair = concentric_pair(outer, inner, tolerance)
-    conics = np.stack([np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)])
-    x, y, a, _, _ = ellipse_of_conic(conics[0])
-    size = float(np.hypot(x - principal[0], y - principal[1]) + a)
-    frame = image_frame(principal, size)
-    line = pair.line @ np.linalg.inv(frame)
-    dual = dual_circular_points(moved_conic(conics, frame), line / np.linalg.norm(line)).mean(axis=0)
-    return size * focal_from_dual(dual)
+    line = concentric_pair(outer, inner, tolerance).line
+    conics = [np.asarray(outer, dtype=np.float64), np.asarray(inner, dtype=np.float64)]
+    return focal_from_line(np.stack(conics), line, principal_point)
 
 
 def find(view: View) -> list[Found]:

@@ -1,4 +1,4 @@
-"""OpenCV's blob and grid detectors as plug-ins that return centres only, written as a third party would write them."""
+"""OpenCV's blob and grid detectors as plug-ins, written as a third party would: centres, or the pose of a grid."""
 
 from __future__ import annotations
 
@@ -33,16 +33,19 @@ def circles_grid(view: View) -> list[Found]:
     The grid's size is read from the layout of the printed marker (`columns`, `rows`, and `layout`, which says whether
     it is asymmetric).
     """
-    grey = view.grey
     layouts = [m["layout"] for m in view.markers if _is_grid(m.get("layout"))]
     sizes = {(d["columns"], d["rows"], d.get("layout") == "asymmetric") for d in layouts}
     out: list[Found] = []
     for columns, rows, asymmetric in sorted(sizes):
-        flag = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
-        found, centres = cv2.findCirclesGrid(grey, (columns, rows), flags=flag, blobDetector=_detector(grey))
-        if found:
-            out += [Found(centre_px=centre) for centre in np.reshape(centres, (-1, 2))]
+        out += [Found(centre_px=centre) for centre in _grid_px(view.grey, columns, rows, asymmetric)]
     return out
+
+
+def _grid_px(grey: NDArray[np.uint8], columns: int, rows: int, asymmetric: bool) -> NDArray[np.float64]:
+    """Centres (N, 2) of a grid's dots, row by row; none if it is not found."""
+    flag = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+    found, centres = cv2.findCirclesGrid(grey, (columns, rows), flags=flag, blobDetector=_detector(grey))
+    return np.reshape(centres, (-1, 2)).astype(np.float64) if found else np.empty((0, 2))
 
 
 def circle_grid_pose(view: View) -> list[Found]:
@@ -53,14 +56,11 @@ def circle_grid_pose(view: View) -> list[Found]:
         raise MethodFailure(f"it reads circle_grid; the printed marker is {printed}")
     layout = grids[0]["layout"]
     asymmetric = layout["layout"] == "asymmetric"
-    grey, flag = view.grey, cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
-    found, centres = cv2.findCirclesGrid(
-        grey, (layout["columns"], layout["rows"]), flags=flag, blobDetector=_detector(grey)
-    )
-    if not found:
+    centres = _grid_px(view.grey, layout["columns"], layout["rows"], asymmetric)
+    if not len(centres):
         return []
     plane = circle_grid_centres_m(layout["columns"], layout["rows"], layout["spacing_m"], asymmetric)
-    points = undistort_px(view.camera, np.reshape(centres, (-1, 2)).astype(np.float64))
+    points = undistort_px(view.camera, centres)
     ok, rotation, translation = cv2.solvePnP(np.pad(plane, ((0, 0), (0, 1))), points, view.camera.K, None)
     if not ok:
         return []

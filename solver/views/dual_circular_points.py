@@ -20,6 +20,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from roundel.scenes.geometry.conic import ellipse_of_conic
+
 Array = NDArray[np.float64]
 
 # Of a circular point's length: a third coordinate that is smaller is rounding, its line is at infinity.
@@ -118,6 +120,31 @@ def focal_from_dual(dual: ArrayLike) -> float:
             "absolute conic; the plane is too near to parallel to the image, or the circles are too far away"
         )
     return 1.0 / float(np.sqrt(inverse))
+
+
+def focal_from_line(conics: ArrayLike, line: ArrayLike, principal_point: ArrayLike) -> float:
+    """Focal length in pixels from circles of one plane and its vanishing line, for square pixels.
+
+    Parameters
+    ----------
+    conics : (N, 3, 3) array_like
+        Images of the circles, in undistorted pixels.
+    line : (3,) array_like
+        In the same pixels.
+    principal_point : (2,) array_like
+
+    Raises
+    ------
+    ValueError
+        As `focal_from_dual`; or if a conic is not an ellipse.
+    """
+    principal = np.asarray(principal_point, dtype=np.float64)
+    images = np.asarray(conics, dtype=np.float64)
+    x, y, a, _, _ = ellipse_of_conic(images[0])
+    size = float(np.hypot(x - principal[0], y - principal[1]) + a)
+    frame = image_frame(principal, size)
+    moved = _unit(np.asarray(line, dtype=np.float64) @ np.linalg.inv(frame))
+    return size * focal_from_dual(dual_circular_points(moved_conic(images, frame), moved).mean(axis=0))
 
 
 def normal_from_line(line: ArrayLike, K: ArrayLike) -> Array:

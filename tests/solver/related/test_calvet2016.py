@@ -6,14 +6,8 @@ from roundel.scenes.geometry.conic import conic_of_circle
 from roundel.scenes.geometry.pose import angle_deg
 from roundel.scenes.markers.ring_codes import ring_code_radii
 from roundel.solver.methods.plugin import MethodFailure
-from roundel.solver.related.calvet2016 import (
-    _STEPS,
-    centre_by_cuts,
-    find,
-    focal_of_circular_points,
-    normal_of_line,
-    vanishing_line_of,
-)
+from roundel.solver.related.calvet2016 import _STEPS, centre_by_cuts, find
+from roundel.solver.views.dual_circular_points import focal_from_line, line_from_centre, normal_from_line
 from roundel.solver.views.marker_pixels import light_image
 
 
@@ -27,20 +21,19 @@ def test_ellipse_and_centre_give_the_exact_normal_and_focal_length_over_500_scen
     for _ in range(500):
         pose, K = plane_view(rng)
         conic = conic_of_circle(pose, 1.0, K)
-        ray = K @ pose[:3, 3]
-        centre = ray[:2] / ray[2]
-        assumed = K * np.array([[0.5, 1.0, 1.0], [1.0, 0.5, 1.0], [1.0, 1.0, 1.0]])
+        line = line_from_centre(conic, K @ pose[:3, 3])
         # f^2 is a quotient of terms that vanish with the tilt: at 5 degrees and 60 radii six digits of it are left.
-        assert focal_of_circular_points(conic, centre, assumed) == pytest.approx(K[0, 0], rel=1e-6)
-        normal = normal_of_line(vanishing_line_of(conic, centre), K, conic, centre)
-        assert angle_deg(normal, pose[:3, 2]) < 1e-6
+        assert focal_from_line(conic[None], line, K[:2, 2]) == pytest.approx(K[0, 0], rel=1e-6)
+        assert angle_deg(normal_from_line(line, K), pose[:3, 2]) < 1e-6
 
 
 def test_a_marker_parallel_to_the_image_says_no_focal_length() -> None:
     pose, K = plane_view(np.random.default_rng(2), tilt_deg=(0.0, 0.0))
     pose[:3, 3] = 0.0, 0.0, 10.0
+    conic = conic_of_circle(pose, 1.0, K)
+    line = line_from_centre(conic, K @ pose[:3, 3])
     with pytest.raises(ValueError, match="focal length explains"):
-        focal_of_circular_points(conic_of_circle(pose, 1.0, K), K[:2, 2], K)
+        focal_from_line(conic[None], line, K[:2, 2])
 
 
 def test_cuts_agree_at_the_image_of_the_centre() -> None:
