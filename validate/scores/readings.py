@@ -45,6 +45,8 @@ def with_readings(
     identities : dict
         By (frame_id, marker_id), of the markers that have one.
     """
+    if not (np.isfinite(run.focal_px).any() or np.isfinite(run.identity).any()):
+        return table
     found: dict[str, list[Any]] = {name: [None] * len(targets) for name in READINGS}
     for i, row in enumerate(rows.max(axis=1).tolist()):
         if row < 0:
