@@ -20,6 +20,8 @@ def run_league(arguments: argparse.Namespace) -> int:
     """Render the league, solve it with every entry that is installed, and write its page."""
     from roundel.validate.league.league import PAGE, Solved, outcomes_of_entries, write_league
 
+    if arguments.truth and not arguments.dataset:
+        raise UsageError("--truth is that of images that were published: give them with --dataset")
     out = Path(arguments.out)
     dataset_path = Path(arguments.dataset) if arguments.dataset else _rendered(out / "dataset", arguments)
     solved, missing = _solved(dataset_path, out / "estimates", arguments)
@@ -79,9 +81,12 @@ def _rendered(dataset: Path, arguments: argparse.Namespace) -> Path:
     from roundel.render.run import render_study
     from roundel.scenes.study.study import load_study
 
+    study = load_study(find_study(arguments.study))
+    if not any("." in group for group in study.groups):
+        raise UsageError(f"{study.path}: no group is named CONDITION.VARIANT; add `variants` with a marker each")
     with progress("render") as show:
         render_study(
-            load_study(find_study(arguments.study)),
+            study,
             dataset,
             jobs=arguments.jobs,
             progress=show,
@@ -96,6 +101,8 @@ def _solved(dataset: Path, out: Path, arguments: argparse.Namespace) -> tuple[li
     Each is solved by itself, so that its time is its own. A folder that is complete is left as it is. Also the methods
     that are not installed.
     """
+    from importlib.metadata import version
+
     from roundel.datasets.layout.images import open_images
     from roundel.solver.ambiguity.parse_prior import parse_knowledge
     from roundel.solver.methods.registry import installed_methods
@@ -113,7 +120,8 @@ def _solved(dataset: Path, out: Path, arguments: argparse.Namespace) -> tuple[li
         for label in LABELS:
             folder = out / f"{entry.name.replace(', ', '-')}-{label}"
             stamp = folder / "entry.json"
-            told = json.dumps([images.dataset_id, entry.method, there[entry.method], entry.knowledge, mine])
+            about = [images.dataset_id, version("roundel"), entry.method, there[entry.method], entry.knowledge, mine]
+            told = json.dumps(about)
             if not (stamp.is_file() and stamp.read_text(encoding="utf-8") == told):
                 with progress(f"{entry.name}, {label}") as show:
                     solve_dataset(

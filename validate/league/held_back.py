@@ -24,6 +24,7 @@ from roundel.datasets.layout import files
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.league.outcomes import frames_of_league
 from roundel.validate.scores.readings import IDENTITIES
 
 SALT, COMMITMENT = "salt.txt", "truth_salted_sha256"
@@ -54,10 +55,16 @@ def hold_back(dataset_path: str | Path, public: str | Path, kept: str | Path) ->
     ------
     UsageError
         If one of the folders is there already.
+    NotComparableError
+        If it has no groups `CONDITION.VARIANT`, with which nothing could be scored, or frames without images.
     DataError
         If the dataset is not finished or corrupt.
     """
     dataset, out = open_dataset(dataset_path), HeldBack(Path(public), Path(kept))
+    if not frames_of_league(dataset):
+        raise NotComparableError(f"{dataset.path}: no group is named CONDITION.VARIANT; give a dataset of the league")
+    if any("image" not in record for record in dataset.images.records):
+        raise NotComparableError(f"{dataset.path}: has frames of points, without images; nobody could solve them")
     for folder in (out.public, out.kept):
         if folder.exists():
             raise UsageError(f"{folder}: is there already; name a new folder")

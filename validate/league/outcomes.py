@@ -151,7 +151,9 @@ def _outcome(run: Run, rows: NDArray[np.int64], shown: FrameTruth) -> dict[str, 
     row = found[mine[0]][0] if mine else -1
     measured = (float(run.focal_px[row]), float(run.focal_sigma_px[row])) if mine else (np.nan, np.nan)
     focal = focal_errors(*measured, shown.camera)
-    for name, value in (("", focal.measured), ("fused_", focal.fused), ("prior_", focal.prior)):
+    # The prior's error only where it can be compared: on a frame with a measured focal length.
+    prior = focal.prior if np.isfinite(focal.measured) else np.nan
+    for name, value in (("", focal.measured), ("fused_", focal.fused), ("prior_", prior)):
         out[f"{name}focal_error_pct"] = value if np.isfinite(value) else None
     if not mine:
         reasons = [run.reason[row] for row in rows.tolist() if run.reason[row]]
@@ -171,7 +173,7 @@ def _assigned(run: Run, found: list[list[int]], shown: FrameTruth) -> tuple[int,
         return -1, []
     centre = np.array([_centre_px(run, rows) for rows in found])
     away = np.linalg.norm(centre[None] - shown.centre_px[:, None], axis=-1)
-    gate = np.maximum(GATE_PX, GATE_FRACTION * shown.radius_px)
+    gate = np.fmax(GATE_PX, GATE_FRACTION * shown.radius_px)
     allowed = away <= gate[:, None]
     pairs = zip(*linear_sum_assignment(np.where(allowed, away, 1e9)), strict=True)
     kept = sorted((int(i), int(j)) for i, j in pairs if allowed[i, j])
@@ -197,5 +199,13 @@ def _pose_errors(run: Run, rows: NDArray[np.int64], shown: FrameTruth, part: int
     out: dict[str, object] = {"normal_error_deg": float(error[better]), "position_error_pct": 100 * away}
     if len(chosen):
         out["chosen_normal_error_deg"] = float(error[chosen[0]])
-        out["branch_correct"] = bool(chosen[0] == better)
+        # Not by the other pose: a method that gives one pose has chosen, too.
+        mirrored = _mirrored(shown.normal[part], truth)
+        out["branch_correct"] = bool(error[chosen[0]] < normal_error_deg(run.normal[posed[chosen[0]]], mirrored))
     return out
+
+
+def _mirrored(normal: Array, centre_m: Array) -> Array:
+    """The normal mirrored at the line of sight, near which the wrong pose of a circle lies: 2 (n.s) s - n."""
+    sight = centre_m / np.linalg.norm(centre_m)
+    return np.asarray(2.0 * (normal @ sight) * sight - normal)

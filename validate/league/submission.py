@@ -34,7 +34,8 @@ def submitted_outcomes(submission: str | Path, dataset: Dataset, name: str | Non
     Raises
     ------
     UsageError
-        If the file is not one of estimates, or does not say of which dataset.
+        If the file is not one of estimates, does not say of which dataset, or holds several methods and one name is
+        given.
     NotComparableError
         If it is of another dataset, or lacks frames of a variant.
     DataError
@@ -45,8 +46,11 @@ def submitted_outcomes(submission: str | Path, dataset: Dataset, name: str | Non
     truth = frames_of_league(dataset)
     if not truth:
         raise NotComparableError(f"{dataset.path}: no group is named CONDITION.VARIANT; give a dataset of the league")
-    tables = []
-    for run in read_runs([file], dataset):
+    runs, tables = read_runs([file], dataset), []
+    methods = sorted({run.method for run in runs})
+    if name is not None and len(methods) > 1:
+        raise UsageError(f"{file}: holds {len(methods)} methods ({', '.join(methods)}); leave out --name, or split it")
+    for run in runs:
         variants = _variants(file, run, truth)
         tables.append(outcomes_of(name or run.method, variants, run, truth))
     return pa.concat_tables(tables)

@@ -67,8 +67,8 @@ def _overall(standings: Sequence[Standing]) -> Table:
     note = (
         "All conditions together. Found: the marker was detected at the right place. Errors: medians over the frames "
         "in which it was found; normal and position of the better of two poses, where a method gives two. Chose the "
-        "right pose: of the frames in which it chose one of two, or gave one. In brackets 95 % intervals (Wilson; "
-        "bootstrap)."
+        "right pose: the pose that it chose, or the only one, is nearer to the true normal than to the one mirrored at "
+        "the line of sight. In brackets 95 % intervals (Wilson; bootstrap)."
     )
     return Table("overall", "All conditions", (*_KEY, *_RESULTS), rows, note)
 

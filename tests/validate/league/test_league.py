@@ -114,6 +114,7 @@ def test_outcomes_of_right_wrong_and_missing_answers(league, tmp_path):
     true = turned.normal[0]
     assert wrong["normal_error_deg"] == pytest.approx(np.degrees(np.arccos(off[0] @ true)), rel=1e-6)
     assert wrong["chosen_normal_error_deg"] is None
+    assert wrong["prior_focal_error_pct"] is None  # nothing was measured that it could be compared with
     assert (elsewhere["found"], elsewhere["false_detections"]) == (False, 1)
     assert (none["found"], none["false_detections"], none["reason"]) == (False, 0, "nothing there")
 
@@ -147,6 +148,16 @@ def test_of_two_poses_the_better_counts_and_the_choice_is_scored(league, tmp_pat
     good, wrong = outcomes_of("mine", ("disc",), run, frames_of_league(league)).to_pylist()[:2]
     assert (good["branch_correct"], wrong["branch_correct"]) == (True, False)
     assert wrong["normal_error_deg"] < 1e-5 < wrong["chosen_normal_error_deg"]
+
+
+def test_a_method_with_one_pose_has_chosen_too(league, tmp_path):
+    frames = frames_of(league, "disc")[:2]
+    right, wrong = (estimate(league, frame) for frame in frames)
+    normal, sight = wrong.normal[0], wrong.centre_m[0] / np.linalg.norm(wrong.centre_m[0])
+    turned = estimate(league, frames[1], normal=(2 * (normal @ sight) * sight - normal)[None])
+    run = run_of(league, tmp_path, [right, turned])
+    rows = outcomes_of("mine", ("disc",), run, frames_of_league(league)).to_pylist()[:2]
+    assert [row["branch_correct"] for row in rows] == [True, False]
 
 
 @pytest.fixture(scope="module")
@@ -235,6 +246,32 @@ def test_submissions_that_cannot_be_compared(league, made, tmp_path):
     assert main(["league", "score", str(short), "--dataset", str(league.path), "--out", str(tmp_path / "x")]) == 3
     assert main(["league", "score", str(other), "--dataset", str(league.path), "--out", str(tmp_path / "x")]) == 3
     assert not (tmp_path / "x").exists()
+
+
+def test_one_name_for_two_methods_is_refused(league, tmp_path):
+    frames = frames_of(league, "disc")
+    one, other = (pa_csv.read_csv(csv_of(league, tmp_path / f"{m}.csv", frames, method=m)) for m in ("one", "other"))
+    pa_csv.write_csv(pa.concat_tables([one, other]), tmp_path / "both.csv")
+    assert set(submitted_outcomes(tmp_path / "both.csv", league)["entry"].to_pylist()) == {"one", "other"}
+    with pytest.raises(UsageError, match=r"holds 2 methods \(one, other\); leave out --name, or split it"):
+        submitted_outcomes(tmp_path / "both.csv", league, "mine")
+
+
+def test_what_is_no_league_is_refused_before_any_work(league, tmp_path, capsys):
+    plain = STUDY.partition("groups:")[0] + "marker: {kind: disc, diameter_m: 0.08}\n"
+    (tmp_path / "plain.yaml").write_text(plain)
+    assert main(["league", "run", str(tmp_path / "out"), "--study", str(tmp_path / "plain.yaml")]) == 2
+    assert "no group is named CONDITION.VARIANT; add `variants`" in capsys.readouterr().err
+    assert main(["league", "run", str(tmp_path / "out"), "--truth", str(tmp_path)]) == 2
+    assert "give them with --dataset" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    data = make_dataset(tmp_path / "data", plain)
+    with pytest.raises(NotComparableError, match=r"no group is named CONDITION\.VARIANT"):
+        hold_back(data.path, tmp_path / "public", tmp_path / "kept")
+    points = STUDY.replace("frames: 2\n", "frames: 2\nmode: points\n").partition("  two_discs:")[0]
+    with pytest.raises(NotComparableError, match="frames of points, without images"):
+        hold_back(make_dataset(tmp_path / "points", points).path, tmp_path / "public", tmp_path / "kept")
+    assert not (tmp_path / "public").exists()
 
 
 def test_a_league_of_another_truth_is_refused(league, made, tmp_path):
