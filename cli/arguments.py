@@ -19,6 +19,16 @@ def frame_range(text: str) -> range:
     return frames
 
 
+def part_of(text: str) -> tuple[int, int]:
+    """A slice `I/N`: I counts from 1 to N, and 0 is the same as N, for those who count from 0."""
+    number, slash, count = text.partition("/")
+    if not (slash and number.isascii() and number.isdecimal() and count.isascii() and count.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r}: give a slice as I/N, for example 7/1000")
+    if not 0 <= int(number) <= int(count) or int(count) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: slices of {count} are 1/{count} to {count}/{count}")
+    return int(number) or int(count), int(count)
+
+
 def count(text: str) -> int:
     """A whole number, 1 or more."""
     try:

@@ -73,7 +73,7 @@ def _write_grid(
     views: GridViews, camera: Path, fit: _Fit, dataset: Dataset | None = None, group: str | None = None
 ) -> list[str]:
     """Calibrate from a grid's views and write the camera file; returns lines for the terminal."""
-    from roundel.datasets.layout.files import write_file
+    from roundel.datasets.store.writing import write_file
     from roundel.solver.calibration.calibrate_images import calibration_lines, calibration_to_json
     from roundel.validate.calibration.camera_errors import error_lines, errors_of_frames
 

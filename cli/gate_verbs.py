@@ -1,4 +1,4 @@
-"""`roundel gate` and `roundel baseline accept`."""
+"""`roundel gate`, `roundel baseline accept` and `roundel compare`: reports held against each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from roundel.scenes.errors import DataError, NotComparableError
 
 def compare(arguments: argparse.Namespace) -> int:
     """Compare a report with a baseline; returns 1 if the report is worse."""
-    from roundel.datasets.layout.files import write_file
+    from roundel.datasets.store.writing import write_file
     from roundel.validate.gate.baseline import baseline_of_report, read_baseline
     from roundel.validate.gate.gate import gate
     from roundel.validate.gate.output import junit_xml, lines, markdown, refused_markdown, refused_xml
@@ -49,3 +49,13 @@ def _append(path: Path, text: str) -> None:
             file.write(text)
     except OSError as error:
         raise DataError(f"{path}: cannot write the step summary: {error.strerror}") from error
+
+
+def compare_reports(arguments: argparse.Namespace) -> int:
+    """One page over several reports."""
+    from roundel.validate.report import compare as pages
+
+    out = Path(arguments.out)
+    print("\n".join(pages.compare_reports(arguments.reports, out)))
+    print(f"comparison: {out / pages.PAGE}")
+    return 0

@@ -1,4 +1,4 @@
-"""Deliver KeyboardInterrupt even when the renderer swallows it.
+"""Deliver KeyboardInterrupt even when the renderer swallows it, and for each signal that asks a program to end.
 
 KeyboardInterrupt may be raised inside a plug-in called by the renderer. It then arrives as an error of the renderer, or
 not at all. Therefore the signal is recorded, and checked between frames.
@@ -18,14 +18,17 @@ def _remember(number: int, frame: object) -> None:
 
 
 def watch() -> None:
-    """Record Ctrl-C from now on; it still raises KeyboardInterrupt."""
+    """Record Ctrl-C from now on, and TERM and HUP like it; they raise KeyboardInterrupt."""
     _seen.clear()
-    # Not if other code (a notebook, a test runner) handles the signal, and only in the main thread, as Python requires.
-    if (
-        threading.current_thread() is threading.main_thread()
-        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    ):
+    if threading.current_thread() is not threading.main_thread():
+        return  # Python sets handlers in the main thread alone
+    # Not if other code (a notebook, a test runner, nohup) handles or ignores the signal.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _remember)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _remember)
 
 
 def was_interrupted() -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from roundel.cli.arguments import EstimatesSchema, ListMethods, bend, count, frame_range, grid, positive, views
+from roundel.cli.arguments import EstimatesSchema, ListMethods, bend, count, frame_range, grid, part_of, positive, views
 from roundel.cli.usage import Parser
 
 EXIT_STATUS = (
@@ -67,6 +67,9 @@ def _add_rendering(add: AddVerb) -> None:
     render.add_argument("study", metavar="STUDY", help=_STUDY)
     render.add_argument("dataset", metavar="DATASET", help="folder to write to; a partial dataset is completed")
     render.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames")
+    render.add_argument(
+        "--slice", type=part_of, metavar="I/N", help="only the I-th of N equal parts, I from 1 (0 is the same as N)"
+    )
 
     run = add("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
     run.add_argument("study", metavar="STUDY", help=_STUDY)
@@ -79,6 +82,7 @@ def _add_rendering(add: AddVerb) -> None:
             metavar="N",
             help="number of processes (default 1; one process uses all cores)",
         )
+        _add_mixing(parser)
         parser.add_argument("--threads", type=count, metavar="N", help="threads per process (default: all cores)")
         parser.add_argument(
             "--backend",
@@ -102,6 +106,24 @@ def _add_rendering(add: AddVerb) -> None:
     verify = add("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
     verify.add_argument("dataset", metavar="DATASET", help=_DATASET)
     verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
+
+    repair = add("repair", "restore what `verify --full` finds: altered files, damaged records, leftovers")
+    repair.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; nobody else may be rendering into it")
+    repair.add_argument("--study", metavar="STUDY", help="the study, if the dataset's own copies of it are lost")
+
+    merge = add("merge", "join datasets that hold parts of the same study, rendered on machines without a shared disk")
+    merge.add_argument("parts", metavar="PART", nargs="+", help="folder of a part, from `roundel render --slice`")
+    merge.add_argument("out", metavar="DATASET", help="folder to write to: a new one, or a part of the same study")
+    for parser in (repair, merge):
+        _add_mixing(parser)
+
+
+def _add_mixing(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--mix-environments",
+        action="store_true",
+        help="keep frames that another version or machine rendered, whose last bits may differ",
+    )
 
 
 def _add_solving(add: AddVerb) -> None:

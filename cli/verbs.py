@@ -13,7 +13,7 @@ from typing import Any
 from roundel.cli.progress import progress
 from roundel.cli.study_verbs import find_study, init_study, list_studies
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.scenes.errors import DataError, UsageError
+from roundel.scenes.errors import UsageError
 
 
 def do_check(arguments: argparse.Namespace) -> int:
@@ -90,11 +90,13 @@ def do_render(arguments: argparse.Namespace) -> int:
     """Render a study to a dataset."""
     study, out = _study(arguments.study), Path(arguments.dataset)
     _room_for(study, out)
-    dataset = _rendered(study, out, arguments, arguments.frames)
-    _warn_of_flags(out if dataset is None else dataset)
+    wanted = _wanted(study, arguments)
+    dataset = _rendered(study, out, arguments, wanted)
     if dataset is None:
+        _warn_of_unfinished(study, out, wanted)
         print(f"{out}: some frames are missing; run `roundel render` without --frames to complete the dataset")
     else:
+        _warn_of_flags(dataset)
         print(f"{out}: {len(dataset)} frames, dataset_id {dataset.manifest['dataset_id'][:12]}")
         _print_fidelity(dataset.manifest)
     return 0
@@ -111,8 +113,10 @@ def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: 
             threads=arguments.threads,
             backend=arguments.backend,
             frames=frames,
+            mix_environments=arguments.mix_environments,
             progress=show,
             check_progress=partial(show, step="check"),
+            on_warning=_warn,
         )
 
 
@@ -121,7 +125,7 @@ def do_develop(arguments: argparse.Namespace) -> int:
     from roundel.render.redevelop import develop_dataset
 
     with progress("develop") as show:
-        dataset = develop_dataset(arguments.dataset, arguments.out, arguments.sensor, show)
+        dataset = develop_dataset(arguments.dataset, arguments.out, arguments.sensor, show, on_warning=_warn)
     _warn_of_flags(dataset)
     identity, source = (str(dataset.manifest[key])[:12] for key in ("dataset_id", "developed_from"))
     print(f"{arguments.out}: {len(dataset)} frames, dataset_id {identity}, developed from {source}")
@@ -129,17 +133,45 @@ def do_develop(arguments: argparse.Namespace) -> int:
 
 
 def _warn_of_flags(dataset: Any) -> None:
-    """One line on stderr if frames of a dataset, or of an incomplete one (given by its path), are flagged."""
+    """One line on stderr if frames of a dataset are flagged."""
     from roundel.datasets.flags import flags_of_rows, warning_of
-    from roundel.datasets.layout import journal
 
-    if isinstance(dataset, Path):
-        entries = journal.read(dataset)
-        line = warning_of(((i, entry.get("flags", ())) for i, entry in entries.items()), len(entries))
-    else:
-        line = warning_of(flags_of_rows(dataset.truth.select(["frame_id", "flags"]).to_pylist()), len(dataset))
+    if any(dataset.manifest["counts"].get("flags", {}).values()):
+        rows = (row for table in dataset.truths() for row in table.select(["frame_id", "flags"]).to_pylist())
+        line = warning_of(flags_of_rows(rows), len(dataset))
+        if line:
+            _warn(line)
+
+
+def _warn_of_unfinished(study: Any, out: Path, wanted: range | None) -> None:
+    """The same of some frames of a dataset that is not finished."""
+    from roundel.datasets.flags import warning_of
+    from roundel.datasets.index import progress_of
+    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.work import shards_within
+    from roundel.scenes.world.frame import total_frames
+
+    total = total_frames(study)
+    flagged: list[tuple[int, list[str]]] = []
+    for shard in shards_within(total, wanted or range(total)):
+        entries = progress_of(Folder(out), shard, study).entries
+        flagged += [(i, entry.get("flags", [])) for i, entry in entries.items()]
+    line = warning_of(flagged, len(flagged))
     if line:
-        print(f"roundel: warning: {line}", file=sys.stderr)
+        _warn(line)
+
+
+def _wanted(study: Any, arguments: argparse.Namespace) -> range | None:
+    """The frames that --frames or --slice name."""
+    from roundel.scenes.world.frame import total_frames
+
+    if arguments.slice is None:
+        return None if arguments.frames is None else arguments.frames
+    if arguments.frames is not None:
+        raise UsageError("--slice: give either --frames or --slice")
+    number, count = arguments.slice
+    total = total_frames(study)
+    return range((number - 1) * total // count, number * total // count)
 
 
 def _print_fidelity(manifest: dict[str, Any]) -> None:
@@ -159,14 +191,16 @@ def do_solve(arguments: argparse.Namespace) -> int:
     if arguments.diameter_m is not None or arguments.curve is not None:
         option = "--diameter-m" if arguments.curve is None else "--curve"
         raise UsageError(f"{option}: a dataset defines its own markers and sensor; leave it out")
+    from roundel.cli.dataset_verbs import readable
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest
+    from roundel.datasets.store.folder import Folder
     from roundel.solver.methods.solve import solve_dataset
 
-    dataset = Path(arguments.inputs[0])
+    dataset = readable(arguments.inputs[0])
     # Opened first: for a folder that is not a dataset, this error is clearer than that of the missing study.
-    groups = sorted(set(open_images(dataset).groups))
-    wanted = read_manifest(dataset)["study"].get("solve", {})
+    groups = open_images(dataset).group_names
+    wanted = read_manifest(Folder(dataset))[0]["study"].get("solve", {})
     chosen = arguments.group or wanted.get("groups")
     for group in chosen or []:
         if group not in groups:
@@ -207,11 +241,12 @@ def _counted(counts: Any) -> str:
 
 def do_validate(arguments: argparse.Namespace) -> int:
     """Score estimates."""
+    from roundel.cli.dataset_verbs import readable
     from roundel.datasets.dataset import open_dataset
     from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
 
-    asked = open_dataset(arguments.dataset).study.get("validate", {})
+    asked = open_dataset(readable(arguments.dataset)).study.get("validate", {})
     extent = arguments.extent_D or asked.get("reprojection_extent_D", 3.0)
     out = Path(arguments.out)
     with progress("chessboards") as show:
@@ -286,9 +321,9 @@ def do_calibrate(arguments: argparse.Namespace) -> int:
 
 def do_compare(arguments: argparse.Namespace) -> int:
     """Write one page over several reports."""
-    from roundel.cli.compare_verbs import compare
+    from roundel.cli.gate_verbs import compare_reports
 
-    return compare(arguments)
+    return compare_reports(arguments)
 
 
 def do_league(arguments: argparse.Namespace) -> int:
@@ -326,23 +361,23 @@ def do_marker(arguments: argparse.Namespace) -> int:
 
 def do_verify(arguments: argparse.Namespace) -> int:
     """Compare a dataset with its manifest."""
-    from roundel.datasets.layout.manifest import read_manifest
-    from roundel.datasets.verify import verify_dataset
+    from roundel.cli.dataset_verbs import verify
 
-    path = Path(arguments.dataset)
-    if not path.is_dir():
-        what = "it is a file, but a dataset is a folder" if path.exists() else "there is no such folder"
-        raise DataError(f"{path}: not a dataset: {what}")
-    manifest = read_manifest(path)
-    findings = verify_dataset(path, full=arguments.full)
-    if findings:
-        for finding in findings[:20]:
-            print(finding)
-        raise DataError(f"{path}: the dataset is damaged; problems found: {len(findings)}")
-    depth = "all checksums match" if arguments.full else "sizes match; --full compares checksums"
-    print(f"{path}: {len(manifest['files'])} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
-    _print_fidelity(manifest)
-    return 0
+    return verify(arguments)
+
+
+def do_repair(arguments: argparse.Namespace) -> int:
+    """Restore the damaged files of a dataset."""
+    from roundel.cli.dataset_verbs import repair
+
+    return repair(arguments)
+
+
+def do_merge(arguments: argparse.Namespace) -> int:
+    """Join parts of a dataset."""
+    from roundel.cli.dataset_verbs import merge
+
+    return merge(arguments)
 
 
 def do_doctor(arguments: argparse.Namespace) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,24 +12,68 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.layout import files
+from roundel.datasets.layout.contents import Contents, Part, joined_digest
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.truth_table import TRUTH_SCHEMA
+from roundel.datasets.store.folder import Folder
 from roundel.datasets.verify import Finding, verify_dataset
 from roundel.scenes.camera.model import Camera
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, first_line
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A finished dataset on disk."""
+    """A dataset on disk.
+
+    `manifest` is that of the whole; `truth_of` reads the truth of a shard, `truth` that of all.
+    """
 
     path: Path
     images: Images
-    truth: pa.Table
     manifest: dict[str, Any]
+    kept_truth: pa.Table | None = None
+    kept_truth_sha256: str | None = None
 
     def __len__(self) -> int:
         return len(self.images)
+
+    @property
+    def contents(self) -> Contents:
+        """Its shards, and the checksums of their files."""
+        return self.images.contents
+
+    @cached_property
+    def truth(self) -> pa.Table:
+        """The truth of all frames, sorted by (frame_id, marker_id)."""
+        if self.kept_truth is not None:
+            return self.kept_truth
+        return pa.concat_tables(self.truths())
+
+    def truths(self) -> Iterator[pa.Table]:
+        """The truth, a shard at a time."""
+        for part in self.contents.parts:
+            yield self.truth_of(part)
+
+    def truth_of(self, part: Part) -> pa.Table:
+        """The truth of a shard, checked.
+
+        Raises
+        ------
+        DataError
+            If it is missing, was altered, or is not the truth of its frames.
+        """
+        place = self.contents.folder.place(part.shard.name(files.TRUTH))
+        data = self.contents.read(part, files.TRUTH)
+        return checked_truth(data, place)
+
+    @property
+    def truth_sha256(self) -> str:
+        """One checksum over the truth of all frames."""
+        if self.kept_truth_sha256 is not None:
+            return self.kept_truth_sha256
+        parts = self.contents.parts
+        return joined_digest([(p.shard.folder, self.contents.files_of(p)[files.TRUTH].sha256) for p in parts])
 
     @property
     def study(self) -> dict[str, Any]:
@@ -44,23 +90,42 @@ class Dataset:
         return verify_dataset(self.path, full=full)
 
 
-def open_dataset(path: str | Path) -> Dataset:
-    """Open a finished dataset.
+def checked_truth(data: bytes, place: str) -> pa.Table:
+    """A file of truth as a table; columns that an older version does not have are left out.
 
     Raises
     ------
     DataError
-        If the folder is not a dataset, is not finished, or its tables are corrupt.
+        If it is no Parquet, lacks its key, or a column has another type.
+    """
+    try:
+        # Its threads may outlive a short command and abort it.
+        truth = pq.ParquetFile(pa.BufferReader(data)).read(use_threads=False)
+        truth.validate(full=True)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DataError(f"{place}: the truth is corrupt ({first_line(error)}); `roundel repair` mends it") from error
+    missing = {"frame_id", "marker_id", "camera_from_marker_00"} - set(truth.column_names)
+    if missing:
+        raise DataError(f"{place}: has no column {', '.join(sorted(missing))}; is this a Roundel dataset?")
+    for column in truth.schema:
+        known = TRUTH_SCHEMA.field(column.name).type if column.name in TRUTH_SCHEMA.names else column.type
+        if column.type != known:
+            raise DataError(f"{place}: column {column.name} is {column.type}, not {known}; it is damaged")
+    return truth
+
+
+def open_dataset(path: str | Path) -> Dataset:
+    """Open a dataset.
+
+    Raises
+    ------
+    DataError
+        If the folder is not a dataset, is not finished, or its records are corrupt.
     """
     path = Path(path)
     images = open_images(path)
-    manifest = read_manifest(path)
-    file = path / files.TRUTH
-    try:
-        truth = pq.read_table(file)
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(f"{file}: the truth is missing or corrupt; run `roundel render` again") from error
-    missing = {"frame_id", "marker_id", "camera_from_marker_00"} - set(truth.column_names)
-    if missing:
-        raise DataError(f"{file}: has no column {', '.join(sorted(missing))}; is this a Roundel dataset?")
-    return Dataset(path, images, truth, manifest)
+    manifest, _ = read_manifest(Folder(path))
+    dataset = Dataset(path, images, manifest)
+    if len(images.contents.parts) == 1:
+        _ = dataset.truth  # of a small one, say what is wrong now
+    return dataset

@@ -1,24 +1,34 @@
-"""Finish a dataset: write its tables and, last, the manifest."""
+"""Finish shards and the dataset: write tables, journal and records, and last the manifest.
+
+The bytes depend on the study and the frames alone, not on who rendered what when: several processes may finish the
+same shard at the same time.
+"""
 
 from __future__ import annotations
 
 import io
 import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import yaml
 
-from roundel.datasets.fidelity.summary import summarise
+from roundel.datasets.environment import Environment
+from roundel.datasets.fidelity.summary import join_summaries, summarise
 from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
 from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.contents import images_digest, joined_digest
+from roundel.datasets.layout.shards import Shard
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
+from roundel.datasets.store.folder import Folder, Listed
+from roundel.datasets.store.records import document_of
+from roundel.datasets.store.writing import sha256
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.camera.row_time import row_time_to_json
+from roundel.scenes.errors import DataError
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.study.identity import SAMPLING_VERSION
 from roundel.scenes.study.study import Study
@@ -26,19 +36,6 @@ from roundel.scenes.truth.edge_points import edge_points_of
 from roundel.scenes.truth.row_poses import row_poses_of
 from roundel.scenes.truth.truth import truth_of
 from roundel.scenes.world.frame import Frame, frames_of, total_frames
-
-_PACKAGES = (
-    "roundel",
-    "mitsuba",
-    "drjit",
-    "numpy",
-    "scipy",
-    "opencv-contrib-python-headless",
-    "pillow",
-    "OpenEXR",
-    "trimesh",
-    "pyarrow",
-)
 
 
 def study_bytes(study: Study) -> bytes:
@@ -48,18 +45,8 @@ def study_bytes(study: Study) -> bytes:
     return sink.getvalue().encode()
 
 
-def versions() -> dict[str, str]:
-    """Installed versions of the packages that the bytes of a dataset depend on."""
-    found = {}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def _json(value: Any) -> bytes:
+def json_bytes(value: Any) -> bytes:
+    """A value as a file of JSON; equal values give equal bytes."""
     return (json.dumps(value, indent=1, sort_keys=True) + "\n").encode()
 
 
@@ -89,33 +76,96 @@ def camera_record(frame: Frame, entry: journal.Entry | None) -> dict[str, Any]:
     return record
 
 
-def finish_dataset(
-    study: Study,
-    dataset: Path,
-    entries: dict[int, journal.Entry],
-    environment: dict[str, Any],
-    developed_from: str | None = None,
-) -> None:
-    """Write tables, cameras, sorted journal and, last, the manifest; the bytes do not depend on the order of work.
+@dataclass(frozen=True)
+class Frames:
+    """The finished frames of a shard: journal lines, timings, and what made them."""
 
-    `developed_from` is the dataset_id of the dataset whose radiance was developed; None for a rendered dataset.
+    entries: Mapping[int, journal.Entry]
+    seconds: Mapping[int, Mapping[str, float]]
+    environments: Mapping[str, Environment]
+
+
+def finish_shard(
+    study: Study, folder: Folder, shard: Shard, done: Frames, developed_from: str | None = None
+) -> dict[str, Any]:
+    """Write the tables and the journal of a shard and, where there are several, its record.
+
+    Frames with images that are not done are left out; it is complete if there are none.
+
+    Parameters
+    ----------
+    study : Study
+    folder : Folder
+        The dataset.
+    shard : Shard
+    done : Frames
+    developed_from : str, optional
+        The dataset_id of the dataset whose radiance was developed; None for a rendered dataset.
+
+    Returns
+    -------
+    dict
+        The record, where there are several shards `slim`.
 
     Raises
     ------
     DataError
-        If a frame was rendered with other values than those that its truth would be computed from.
+        If a frame was rendered with other values than those that its truth would be computed from, or a file cannot
+        be written.
     """
-    contents = _collect(study, dataset, entries)
-    listed = _write(dataset, entries, _files_of(study, contents))
-    manifest = _manifest(study, contents, entries, listed, environment)
+    here = folder.sub(shard.folder)
+    contents, complete = _collect(study, folder, shard, done.entries)
+    written = _tables(contents)
+    written[files.JOURNAL] = journal.journal_bytes(done.entries.values())
+    for name, data in written.items():
+        here.write(name, data)
+    _write_timings(here, done.seconds)
+    listed: dict[str, dict[str, Any]] = {n: {"sha256": sha256(d), "bytes": len(d)} for n, d in written.items()}
+    for entry in done.entries.values():
+        listed.update(entry["files"])
+    used = {str(entry["environment"]) for entry in done.entries.values() if "environment" in entry}
+    record = {
+        "schema": 2,
+        "dataset_id": study.digest(),
+        "first_frame": shard.frames.start,
+        "complete": complete,
+        "counts": {
+            "frames": len(contents.cameras),
+            "images": len(done.entries),
+            "markers": len(contents.rows),
+            "groups": _counted(str(camera["group"]) for camera in contents.cameras),
+            "flags": count_flags(flags_of_rows(contents.rows)),
+        },
+        "environments": {key: done.environments[key] for key in sorted(used)},
+        "fidelity": summarise([m for i in sorted(done.entries) for m in done.entries[i]["fidelity"].values() if m]),
+        "files": dict(sorted(listed.items())),
+        "images_sha256": images_digest(listed),
+    }
     if developed_from is not None:
-        manifest["developed_from"] = developed_from
-    files.write_file(dataset / files.MANIFEST, _json(manifest))
+        record["developed_from"] = developed_from
+    if not shard.folder:
+        return record
+    data = document_of(record)
+    here.write(files.SHARD, data)
+    return slim(record, Listed(len(data), sha256(data)))
+
+
+def slim(record: dict[str, Any], listed: Listed) -> dict[str, Any]:
+    """The record of a shard without its files, and with its own size and checksum: the manifest's share of it."""
+    bare = {name: value for name, value in record.items() if name != "files"}
+    return {**bare, "document": {"bytes": listed.bytes, "sha256": listed.sha256}}
+
+
+def _counted(names: Iterable[str]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+    return counts
 
 
 @dataclass(frozen=True)
 class _Contents:
-    """Tables of all frames of a dataset: rows of the truth, cameras, poses by sensor row, points."""
+    """Tables of the frames of a shard: rows of the truth, cameras, poses by sensor row, points."""
 
     rows: list[dict[str, Any]]
     cameras: list[dict[str, Any]]
@@ -123,11 +173,17 @@ class _Contents:
     points: dict[str, list[Any]]
 
 
-def _collect(study: Study, dataset: Path, entries: dict[int, journal.Entry]) -> _Contents:
-    """Place every frame again and compute its truth."""
+def _collect(
+    study: Study, folder: Folder, shard: Shard, entries: Mapping[int, journal.Entry]
+) -> tuple[_Contents, bool]:
+    """Place every frame again and compute its truth; also whether no frame is missing."""
     contents = _Contents([], [], [], {name: [] for name in POINTS_SCHEMA.names})
-    for frame in frames_of(study):
-        check_numbers(dataset, frame, entries.get(frame.frame_id))
+    complete = True
+    for frame in frames_of(study, shard.frames):
+        if frame.settings.mode == "images" and frame.frame_id not in entries:
+            complete = False
+            continue
+        check_numbers(folder.path, frame, entries.get(frame.frame_id))
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
         parts = [(view, part) for view in frame.views() for part in view.sheet.parts]
@@ -138,7 +194,7 @@ def _collect(study: Study, dataset: Path, entries: dict[int, journal.Entry]) -> 
             if frame.settings.mode == "points" and part.radius_m is not None:
                 _add_points(contents.points, view, part)
         contents.cameras.append(camera_record(frame, entries.get(frame.frame_id)))
-    return contents
+    return contents, complete
 
 
 def _add_points(points: dict[str, list[Any]], frame: Frame, part: Part) -> None:
@@ -149,14 +205,12 @@ def _add_points(points: dict[str, list[Any]], frame: Frame, part: Part) -> None:
     points["y_px"] += xy[:, 1].tolist()
 
 
-def _files_of(study: Study, contents: _Contents) -> dict[str, bytes]:
-    """All files except those of the frames, the journal and the manifest."""
+def _tables(contents: _Contents) -> dict[str, bytes]:
     table = truth_table(contents.rows)
     written = {
-        files.STUDY: study_bytes(study),
         files.TRUTH: parquet_bytes(table),
         files.TRUTH_CSV: csv_bytes(table),
-        files.CAMERAS: _json({"schema": 1, "frames": contents.cameras}),
+        files.CAMERAS: json_bytes({"schema": 1, "frames": contents.cameras}),
     }
     if contents.row_poses:
         written[files.ROWS] = parquet_bytes(pa.Table.from_pylist(contents.row_poses, schema=ROWS_SCHEMA))
@@ -165,46 +219,106 @@ def _files_of(study: Study, contents: _Contents) -> dict[str, bytes]:
     return written
 
 
-def _write(dataset: Path, entries: dict[int, journal.Entry], written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Write these files and the sorted journal; return checksums and sizes of all files of the dataset."""
-    for name, data in written.items():
-        files.write_file(dataset / name, data)
-    journal.rewrite(dataset, entries)
-    listed = {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()}
-    lines = (dataset / files.JOURNAL).read_bytes()
-    listed[files.JOURNAL] = {"sha256": files.sha256(lines), "bytes": len(lines)}
-    for entry in entries.values():
-        listed.update(entry["files"])
-    return listed
+def _write_timings(here: Folder, seconds: Mapping[int, Mapping[str, float]]) -> None:
+    """Timings of the frames that have any, with those that are there already; they are in no checksum."""
+    if seconds:
+        whole = {**_old_timings(here), **seconds}
+        lines = (json.dumps({**whole[i], "frame_id": i}, sort_keys=True) for i in sorted(whole))
+        here.write(files.TIMINGS, "".join(f"{line}\n" for line in lines).encode())
 
 
-def _manifest(
+def _old_timings(here: Folder) -> dict[int, dict[str, float]]:
+    try:
+        records = [json.loads(line) for line in here.read(files.TIMINGS).splitlines()]
+        return {int(record["frame_id"]): record for record in records}
+    except (DataError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def write_manifest(
     study: Study,
-    contents: _Contents,
-    entries: dict[int, journal.Entry],
-    listed: dict[str, dict[str, Any]],
-    environment: dict[str, Any],
+    folder: Folder,
+    shards: list[tuple[Shard, dict[str, Any]]],
+    own: Environment,
 ) -> dict[str, Any]:
-    measured = [m for i in sorted(entries) for m in entries[i]["fidelity"].values() if m]
-    return {
-        "schema": 1,
+    """Write the manifest of a dataset from the records of its shards, and return it.
+
+    Parameters
+    ----------
+    study : Study
+    folder : Folder
+    shards : list of (Shard, dict)
+        The shards that are there, with their records.
+    own : dict
+        The environment of this process: that of a dataset without a rendered frame.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written.
+    """
+    data = study_bytes(study)
+    if folder.size(files.STUDY) != len(data) or folder.read(files.STUDY) != data:
+        folder.write(files.STUDY, data)
+    environments: dict[str, Environment] = {}
+    for _, record in shards:
+        environments |= record["environments"]
+    main = next(iter(_in_frame_order(shards)), own)
+    counts = [record["counts"] for _, record in shards]
+    total = total_frames(study)
+    single = len(shards) == 1 and not shards[0][0].folder
+    manifest: dict[str, Any] = {
+        "schema": 2,
         "tool": "roundel",
         "name": study.name,
         "licence": study.licence,
         "study": study.resolved(),
-        "study_sha256": listed[files.STUDY]["sha256"],
+        "study_sha256": sha256(data),
         "dataset_id": study.digest(),
         "sampling_version": SAMPLING_VERSION,
         "seed": study.seed,
-        "versions": versions(),
-        "environment": environment,
+        **main,
         "counts": {
-            "frames": total_frames(study),
-            "images": len(entries),
-            "markers": len(contents.rows),
-            "groups": {name: sum(c["group"] == name for c in contents.cameras) for name in study.groups},
-            "flags": count_flags(flags_of_rows(contents.rows)),
+            **{name: sum(c[name] for c in counts) for name in ("frames", "images", "markers")},
+            "groups": _summed(study.groups, [c["groups"] for c in counts]),
+            "flags": _summed((), [c["flags"] for c in counts]),
         },
-        "fidelity": summarise(measured),
-        "files": dict(sorted(listed.items())),
+        "complete": sum(c["frames"] for c in counts) == total and all(r["complete"] for _, r in shards),
+        "fidelity": shards[0][1]["fidelity"] if single else join_summaries([r["fidelity"] for _, r in shards]),
+        "files": {files.STUDY: {"sha256": sha256(data), "bytes": len(data)}},
+        "images_sha256": joined_digest([(shard.folder, r["images_sha256"]) for shard, r in shards]),
+    }
+    if len(environments) > 1:
+        manifest["environments"] = dict(sorted(environments.items()))
+    developed = {r["developed_from"] for _, r in shards if "developed_from" in r}
+    if developed:
+        manifest["developed_from"] = min(developed)
+    if single:
+        manifest["files"] = dict(sorted({**manifest["files"], **shards[0][1]["files"]}.items()))
+    else:
+        manifest["shards"] = [_part(shard, record) for shard, record in shards]
+    folder.write(files.MANIFEST, document_of(manifest))
+    return manifest
+
+
+def _in_frame_order(shards: list[tuple[Shard, dict[str, Any]]]) -> Iterator[Environment]:
+    """Environments of the shards, the first shard's first; of several in a shard the first by key."""
+    for _, record in shards:
+        yield from record["environments"].values()
+
+
+def _summed(names: Iterable[str], counts: list[dict[str, int]]) -> dict[str, int]:
+    every = dict.fromkeys([*names, *(name for each in counts for name in each)], 0)
+    for each in counts:
+        for name, number in each.items():
+            every[name] += number
+    return every
+
+
+def _part(shard: Shard, record: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "folder": shard.folder,
+        "frames": [shard.frames.start, record["counts"]["frames"]],
+        **record["document"],
+        "images_sha256": record["images_sha256"],
     }

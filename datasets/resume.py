@@ -1,81 +1,107 @@
-"""Resume a dataset: prepare the folder, find finished frames, record new ones."""
+"""Begin or continue a dataset: its folder, its study, and what is known of the environments of its frames."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Iterable
 from pathlib import Path
 
+from roundel.datasets.environment import Environment, key_of
 from roundel.datasets.finish import study_bytes
 from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.manifest import read_manifest, read_shard
+from roundel.datasets.layout.shards import Shard
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.writing import clear_leftovers
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.study.study import Study, load_study
 
 
-def prepare(study: Study, dataset: Path) -> dict[int, journal.Entry]:
-    """Prepare the folder; return the journal's entries whose files exist.
+def prepare(study: Study, dataset: Path) -> Folder:
+    """The folder of a dataset, new or one that holds this study.
 
     Raises
     ------
     UsageError
         If the folder holds another study's dataset, or something else.
     DataError
-        If its study is corrupt.
+        If its study is corrupt, or it was begun by an older version.
     """
+    folder = Folder(dataset)
     if dataset.exists() and not dataset.is_dir():
         raise UsageError(f"{dataset}: is a file; name a folder for the dataset")
-    held = dataset / files.STUDY
-    if held.is_file():
-        try:
-            digest = load_study(held).digest()
-        except RoundelError as error:
-            raise DataError(f"{held}: corrupt ({error}); name another folder, or remove this one") from error
+    if folder.size(files.STUDY) is not None:
+        digest = held_study(folder).digest()
         if digest != study.digest():
             raise UsageError(
                 f"{dataset}: holds frames of another study (dataset_id {digest[:12]}, not {study.digest()[:12]}); "
                 "name another folder, remove this one, or restore the study"
             )
-    elif dataset.is_dir() and any(dataset.iterdir()):
+        if _begun_by_version_1(folder):
+            raise DataError(
+                f"{dataset}: was begun by an older version of Roundel; finish it with that version, or render into "
+                "another folder"
+            )
+        clear_leftovers(dataset)
+        return folder
+    clear_leftovers(dataset)
+    if dataset.is_dir() and any(not p.name.endswith(".part") for p in dataset.iterdir()):
         raise UsageError(f"{dataset}: is not empty and not a dataset; name another folder")
-    else:
-        files.write_file(held, study_bytes(study))
-    for folder in (dataset, dataset / "images", dataset / "radiance"):
-        for leftover in folder.glob(".*.part"):
-            leftover.unlink()
-    return {i: entry for i, entry in journal.read(dataset).items() if journal.is_done(dataset, entry)}
+    folder.write(files.STUDY, study_bytes(study))
+    return folder
 
 
-def backend_of(entry: journal.Entry) -> str:
-    """Backend that rendered a frame; lines without one are older than the choice."""
-    return str(entry.get("backend", "llvm"))
+def _begun_by_version_1(folder: Folder) -> bool:
+    """Whether a dataset without a manifest has a journal whose lines have no checksums."""
+    if folder.size(files.JOURNAL) is None or folder.size(files.MANIFEST) is not None:
+        return False
+    first = folder.read(files.JOURNAL).split(b"\n", 1)[0]
+    return journal.is_old(first)
 
 
-def backend_to_resume(dataset: Path, entries: dict[int, journal.Entry], asked: str) -> str:
+def held_study(folder: Folder) -> Study:
+    """The study of a dataset.
+
+    Raises
+    ------
+    DataError
+        If it is missing or corrupt.
+    """
+    place = folder.place(files.STUDY)
+    folder.read(files.STUDY, most=files.MOST_STUDY_BYTES)  # refuses links and devices
+    try:
+        # Read from the folder where it lies: files that it names are relative to it.
+        return load_study(place)
+    except RoundelError as error:
+        raise DataError(f"{place}: corrupt ({error}); name another folder, or remove this one") from error
+
+
+def recorded_environments(folder: Folder, shard: Shard) -> dict[str, Environment]:
+    """Environments of a shard's frames that its record, or the manifest, tells; empty if neither can be read."""
+    try:
+        if shard.folder:
+            found = read_shard(folder, shard, None)
+            return {} if found is None else dict(found[1].environments)
+        _, manifest = read_manifest(folder)
+    except DataError:
+        return {}
+    if manifest.environments is not None:
+        return dict(manifest.environments)
+    one = {"environment": manifest.environment, "versions": manifest.versions}
+    return {key_of(one): one}
+
+
+def backend_to_resume(dataset: Path, entries: Iterable[journal.Entry], asked: str) -> str:
     """The backend of finished frames, with which a dataset is continued.
 
     Raises
     ------
     UsageError
-        If another one is asked for: the manifest names one environment for all frames.
+        If another one is asked for.
     """
-    begun = backend_of(next(iter(entries.values())))
+    begun = next((str(entry.get("backend", "llvm")) for entry in entries), asked)
     if asked not in (begun, "auto"):
         raise UsageError(
             f"{dataset}: its frames were rendered with --backend {begun}; continue with that, "
             f"or render with --backend {asked} into another folder"
         )
     return begun
-
-
-def reopen(dataset: Path, entries: dict[int, journal.Entry]) -> None:
-    """Remove the manifest and journal lines of missing frames, before new frames change files that they list."""
-    (dataset / files.MANIFEST).unlink(missing_ok=True)
-    if len(entries) < len(journal.read(dataset)):
-        journal.rewrite(dataset, entries)
-
-
-def record(dataset: Path, entries: dict[int, journal.Entry], entry: journal.Entry, seconds: dict[str, float]) -> None:
-    """Record a finished frame whose files are safely on disk: its journal line and its timings."""
-    journal.append(dataset, entry)
-    entries[entry["frame_id"]] = entry
-    line = json.dumps({"frame_id": entry["frame_id"], **{k: round(v, 4) for k, v in seconds.items()}})
-    files.append_line(dataset / files.TIMINGS, line)

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.camera_records import CameraRecords
+from roundel.datasets.layout.contents import Contents, Part, read_contents
 from roundel.datasets.layout.images import read_image
 from roundel.datasets.layout.manifest import read_manifest
-from roundel.datasets.layout.radiance import read_radiance
+from roundel.datasets.layout.radiance import decode_radiance
 from roundel.datasets.numbers import other_numbers
-from roundel.scenes.errors import DataError
+from roundel.datasets.resume import held_study
+from roundel.datasets.store.folder import Folder, Listed
+from roundel.datasets.store.log import FOLDER as LOG
+from roundel.datasets.store.writing import leftovers, sha256
+from roundel.scenes.errors import DataError, RoundelError
+from roundel.scenes.study.identity import SAMPLING_VERSION
+from roundel.scenes.study.study import Study
+
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -25,31 +36,7 @@ class Finding:
         return f"{self.name}: {self.what}"
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _check_file(path: Path, name: str, size: int, digest: str, full: bool) -> str | None:
-    file = path / name
-    if not file.is_file():
-        return "missing; run `roundel render` again to restore it"
-    if file.stat().st_size != size:
-        return f"{file.stat().st_size} bytes, but the manifest records {size}; run `roundel render` again to restore it"
-    if full and _digest(file) != digest:
-        return "its sha256 differs from the manifest's; delete it and run `roundel render` again"
-    if full and name.endswith((".png", ".jpg", ".exr")):
-        try:
-            if name.endswith(".exr"):
-                read_radiance(file)
-            else:
-                read_image(file)
-        except DataError as error:
-            return str(error).removeprefix(f"{file}: ")
-    return None
-
-
-def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
+def verify_dataset(path: str | Path, full: bool = False, progress: Progress | None = None) -> list[Finding]:
     """Compare a dataset with its manifest.
 
     Parameters
@@ -57,6 +44,8 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     path : path
     full : bool
         Also compute every sha256, decode every image and draw every frame's values again; otherwise sizes only.
+    progress : callable, optional
+        Called with (frames done, total frames).
 
     Returns
     -------
@@ -68,29 +57,107 @@ def verify_dataset(path: str | Path, full: bool = False) -> list[Finding]:
     DataError
         If there is no readable manifest.
     """
-    path = Path(path)
-    file = path / files.MANIFEST
-    try:
-        recorded = {n: (int(r["bytes"]), str(r["sha256"])) for n, r in read_manifest(path)["files"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(f"{file}: its list of files is corrupt; run `roundel render` again to rewrite it") from error
-    findings = []
-    for name, (size, digest) in sorted(recorded.items()):
-        wrong = _check_file(path, name, size, digest, full)
-        if wrong is not None:
-            findings.append(Finding(name, wrong))
-    for folder in ("images", "radiance"):
-        for extra in sorted((path / folder).glob("*")):
-            name = f"{folder}/{extra.name}"
-            if name not in recorded:
-                findings.append(Finding(name, "not in the manifest; delete it"))
-    try:
-        entries = journal.read(path)
-        if full:
-            findings += [Finding(files.JOURNAL, what) for what in other_numbers(path, entries)]
-        listed = {name for entry in entries.values() for name in entry["files"]}
-        for name in sorted(n for n in recorded if n.startswith(("images/", "radiance/")) and n not in listed):
-            findings.append(Finding(name, "listed in the manifest but not in the journal; run `roundel render` again"))
-    except DataError as error:
-        findings.append(Finding(files.JOURNAL, str(error)))
+    folder = Folder(Path(path))
+    contents = read_contents(folder)
+    findings: list[Finding] = []
+    for name, listed in contents.own.items():
+        if contents.parts[0].listed is not None or name == files.STUDY:
+            findings += _checked_file(folder, name, listed, full)
+    study = _study_to_draw(folder) if full else None
+    total, done = sum(part.frames for part in contents.parts), 0
+    for part in contents.parts:
+        try:
+            findings += _checked_part(contents, part, full, study)
+        except DataError as error:
+            findings.append(Finding(part.shard.name(files.SHARD), _without_place(error, folder)))
+        done += part.frames
+        if progress:
+            progress(done, total)
     return findings
+
+
+def _study_to_draw(folder: Folder) -> Study | None:
+    """The study, if this version draws its frames; None otherwise, or if it is damaged, which is found elsewhere."""
+    _, manifest = read_manifest(folder)
+    try:
+        return held_study(folder) if manifest.sampling_version == SAMPLING_VERSION else None
+    except RoundelError:
+        return None
+
+
+def _checked_part(contents: Contents, part: Part, full: bool, study: Study | None) -> Iterator[Finding]:
+    folder, shard = contents.folder, part.shard
+    recorded = contents.files_of(part)
+    sizes = _sizes(contents, part) if full else {}
+    for name, listed in recorded.items():
+        if name != files.STUDY:
+            yield from _checked_file(folder, shard.name(name), listed, full, sizes.get(name))
+    here = folder.sub(shard.folder)
+    if contents.complete:
+        for sub in (files.IMAGES, files.RADIANCE):
+            for extra in here.names(sub):
+                if f"{sub}/{extra}" not in recorded:
+                    yield Finding(shard.name(f"{sub}/{extra}"), "not in the manifest; `roundel repair` removes it")
+        for extra in here.names(LOG):
+            yield Finding(shard.name(f"{LOG}/{extra}"), "is left of an interrupted run; `roundel repair` removes it")
+    for sub in ("", files.IMAGES, files.RADIANCE):
+        for part_file in leftovers(here.path / sub):
+            yield Finding(shard.name(f"{sub}/{part_file.name}" if sub else part_file.name), "is left of a write")
+    yield from _checked_journal(contents, part, recorded, study)
+
+
+def _checked_journal(
+    contents: Contents, part: Part, recorded: dict[str, Listed], study: Study | None
+) -> Iterator[Finding]:
+    name = part.shard.name(files.JOURNAL)
+    if files.JOURNAL not in recorded:
+        return
+    try:
+        entries = journal.entries_of(contents.folder.read(name), contents.folder.place(name))[0]
+    except DataError as error:
+        yield Finding(name, _without_place(error, contents.folder, name))
+        return
+    listed = {file for entry in entries.values() for file in entry["files"]}
+    frames = (f"{files.IMAGES}/", f"{files.RADIANCE}/")
+    for file in sorted(n for n in recorded if n.startswith(frames) and n not in listed):
+        yield Finding(part.shard.name(file), "listed in the manifest but not in the journal; `roundel repair` mends it")
+    if study is not None:
+        for what in other_numbers(study, entries):
+            yield Finding(name, what)
+
+
+def _sizes(contents: Contents, part: Part) -> dict[str, tuple[int, int]]:
+    """Width and height of the images by name, as far as the cameras can be read."""
+    try:
+        number = contents.parts.index(part)
+        records: list[dict[str, Any]] = CameraRecords(contents).of_part(number)
+    except DataError:
+        return {}
+    return {str(r["image"]): (r["width_px"], r["height_px"]) for r in records if "image" in r}
+
+
+def _checked_file(
+    folder: Folder, name: str, listed: Listed, full: bool, size_px: tuple[int, int] | None = None
+) -> Iterator[Finding]:
+    size = folder.size(name)
+    if size is None:
+        what = "is no regular file" if (folder.path / name).exists() or (folder.path / name).is_symlink() else "missing"
+        yield Finding(name, f"{what}; `roundel repair` restores it")
+    elif size != listed.bytes:
+        yield Finding(name, f"{size} bytes, but {listed.bytes} are recorded; `roundel repair` restores it")
+    elif full:
+        try:
+            data = folder.read(name)
+            if sha256(data) != listed.sha256:
+                yield Finding(name, "its sha256 is not the recorded one; `roundel repair` restores it")
+            elif name.endswith(".exr"):
+                decode_radiance(data, folder.place(name))
+            elif name.endswith((".png", ".jpg")) and size_px is not None:
+                read_image(data, folder.place(name), size_px)
+        except DataError as error:
+            yield Finding(name, _without_place(error, folder, name))
+
+
+def _without_place(error: DataError, folder: Folder, name: str = "") -> str:
+    place = folder.place(name) if name else str(folder)
+    return str(error).removeprefix(f"{place}: ").removeprefix(f"{place}/")

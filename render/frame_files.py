@@ -8,6 +8,8 @@ from typing import Any
 from roundel.datasets.flags import frame_flags
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.radiance import Planes
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.writing import sha256
 from roundel.render.sensor.develop import Developed
 from roundel.render.sensor.encode import jpeg_bytes, png_bytes
 from roundel.scenes.study.identity import frame_digest
@@ -31,10 +33,11 @@ def coverage_channel(marker_id: int) -> str:
 
 
 def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Write the files of a frame; return their entries for the journal."""
+    """Write the files of a frame into the folder of its shard; return their entries for the journal."""
+    folder = Folder(dataset)
     for name, data in written.items():
-        files.write_file(dataset / name, data)
-    return {name: {"sha256": files.sha256(data), "bytes": len(data)} for name, data in written.items()}
+        folder.write(name, data)
+    return {name: {"sha256": sha256(data), "bytes": len(data)} for name, data in written.items()}
 
 
 def entry_of(

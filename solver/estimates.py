@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import Ellipse
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ESTIMATES = "estimates.parquet"
-METADATA = b"roundel_estimates"  # the file's metadata: {schema, dataset_id}
+METADATA = b"roundel_estimates"  # the file's metadata: {schema, dataset_id, images_sha256}
 NOT_FOUND = -1  # the detection_id of a frame in which nothing was found
 
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -190,8 +190,8 @@ class Estimate:
 
 
 @cache
-def estimates_schema(dataset_id: str | None = None) -> pa.Schema:
-    """The schema, with the identity of the dataset as metadata, if there is one."""
+def estimates_schema(dataset_id: str | None = None, images_sha256: str | None = None) -> pa.Schema:
+    """The schema, with the identity of the dataset and the checksum of its images as metadata, if there are any."""
     import pyarrow as pa  # as long to import as all of OpenCV, and `locate` writes no file
 
     schema = pa.schema(
@@ -231,7 +231,10 @@ def estimates_schema(dataset_id: str | None = None) -> pa.Schema:
     )
     if dataset_id is None:
         return schema
-    return schema.with_metadata({METADATA: json.dumps({"schema": 1, "dataset_id": dataset_id}).encode()})
+    about = {"schema": 1, "dataset_id": dataset_id}
+    if images_sha256 is not None:
+        about["images_sha256"] = images_sha256
+    return schema.with_metadata({METADATA: json.dumps(about).encode()})
 
 
 def estimates_table(estimates: Iterable[Estimate], dataset_id: str | None = None) -> pa.Table:

@@ -17,7 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.layout.files import POINTS, check_no_dataset, sha256, write_file
+from roundel.datasets.layout.files import check_no_dataset
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.solver.caveats import count_caveats
@@ -229,16 +230,10 @@ def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[s
     return {
         SCORES: sha256(scores),
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
-        **{name: record["sha256"] for name, record in dataset.manifest["files"].items() if "/" not in name},
-        "images": _digest_of_images(dataset),
+        **{name: listed.sha256 for name, listed in dataset.contents.own.items() if "/" not in name},
+        "truth.parquet": dataset.truth_sha256,
+        "images": dataset.images.images_sha256,
     }
-
-
-def _digest_of_images(dataset: Dataset) -> str:
-    """One checksum over those of all images, or of the points; equal for reports of the same pixels."""
-    files = dataset.manifest["files"]
-    seen = [f"{name} {files[name]['sha256']}" for name in sorted(files) if name.startswith("images/") or name == POINTS]
-    return sha256("\n".join(seen).encode())
 
 
 def _digest(file: Path) -> str:

@@ -44,7 +44,6 @@ def summarise(measured: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(found: list[dict[str, Any]]) -> dict[str, Any]:
-    from scipy.stats import binom
     from scipy.stats import t as student
 
     count = len(found)
@@ -62,8 +61,58 @@ def _figures(found: list[dict[str, Any]]) -> dict[str, Any]:
         out[key] = float(np.sqrt(np.mean([m[key] ** 2 for m in found])))
     passed = sum(bool(m["z_passed"]) for m in found)
     out["z_passed"] = passed
-    out["z_consistent"] = bool(count - passed <= binom.ppf(1 - LEVEL, count, LEVEL))
+    out["z_consistent"] = _consistent(passed, count)
     return out
+
+
+def join_summaries(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The fidelity of several shards together, from their summaries.
+
+    Means, scatter and RMS are those over all circles; rays that several sensors share count once in each shard.
+    """
+    found = [part for part in parts if part.get("circles")]
+    reasons: Counter[str] = Counter()
+    for part in parts:
+        reasons.update(part.get("unmeasured", {}))
+    left_out = {"unmeasured": dict(sorted(reasons.items()))} if reasons else {}
+    if not found:
+        return {"circles": 0, "reason": parts[0]["reason"] if parts else "no circle was rendered", **left_out}
+    effects = sorted({effect for part in found for effect in part["by_effect"]})
+    by_effect = {
+        effect: _joined([part["by_effect"][effect] for part in found if effect in part["by_effect"]])
+        for effect in effects
+    }
+    return {**_joined(found), "by_effect": by_effect, **left_out}
+
+
+def _joined(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    from scipy.stats import t as student
+
+    counts = np.array([part["circles"] for part in parts], dtype=np.float64)
+    count = int(counts.sum())
+    out: dict[str, Any] = {"circles": count}
+    for key in _SHIFTS:
+        means = np.array([part[key]["mean"] for part in parts])
+        mean = float(np.sum(counts * means) / count)
+        # Sum of squares about the common mean: that about each shard's own, from its interval, and between them.
+        half = np.array([part[key]["ci95"] for part in parts])
+        width = np.where(counts > 1, student.ppf(0.975, np.maximum(counts - 1, 1)), np.inf)
+        squares = float(np.sum((counts - 1) * counts * (half / width) ** 2 + counts * (means - mean) ** 2))
+        error = np.sqrt(squares / (count - 1) / count) if count > 1 else 0.0
+        interval = float(student.ppf(0.975, count - 1) * error) if count > 1 else float(half[0])
+        out[key] = {"mean": mean, "ci95": interval, "worst": max(part[key]["worst"] for part in parts)}
+    out["shift_bound_px"] = max(abs(out[key]["mean"]) + out[key]["ci95"] for key in _SHIFTS[:2])
+    for key in ("residual", "monte_carlo", "z_rms"):
+        out[key] = float(np.sqrt(np.sum(counts * [part[key] ** 2 for part in parts]) / count))
+    out["z_passed"] = sum(part["z_passed"] for part in parts)
+    out["z_consistent"] = _consistent(out["z_passed"], count)
+    return out
+
+
+def _consistent(passed: int, count: int) -> bool:
+    from scipy.stats import binom
+
+    return bool(count - passed <= binom.ppf(1 - LEVEL, count, LEVEL))
 
 
 def fidelity_lines(fidelity: dict[str, Any] | None) -> list[str]:

@@ -1,10 +1,13 @@
 """The files of a dataset: names, formats, the write protocol.
 
-files: File names of a dataset, and the write protocol
+camera_records: The camera records of a dataset's frames, a shard at a time: memory does not grow with their number
+contents: What a dataset holds: its identity, its shards, the checksums of their files; nothing of its study or truth
+files: Names of the files of a dataset
 images: Images and cameras of a dataset: everything that a solver may open
-journal: The journal: one line per finished frame, appended once its files are safely on disk
-manifest: The manifest of a dataset, read and checked
+journal: The journal of a finished shard: one line per frame, sorted, each with a checksum of its own
+manifest: The manifest of a dataset, read and checked; that of each shard, where there are several
 radiance: Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance
+schema: The records of a dataset as strict schemas: what is read from disk has every key, in range, and no other
+shards: Shards: a dataset's frames in folders of a fixed number, each complete in itself
 truth_table: Columns of truth.parquet and truth.csv, and their writers
-worker_pool: Worker processes whose results come in order, for `render` and `solve`
 """

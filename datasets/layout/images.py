@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+import io
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.layout import files
+from roundel.datasets.layout.camera_records import CameraRecords
+from roundel.datasets.layout.contents import Contents, Part, read_contents
+from roundel.datasets.store.folder import Folder
 from roundel.scenes.camera.model import Camera, camera_from_json
 from roundel.scenes.camera.response_curve import ResponseCurve, gamma_curve
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
@@ -23,8 +28,8 @@ class Images:
     """The frames of a dataset as a solver sees them; `i` counts positions, `frame_ids[i]` is the frame's id."""
 
     path: Path
-    records: list[dict[str, Any]]
-    _points: dict[int, dict[int, NDArray[np.float64]]] = field(default_factory=dict, repr=False)
+    records: Sequence[dict[str, Any]]
+    contents: Contents
 
     def __len__(self) -> int:
         return len(self.records)
@@ -32,20 +37,41 @@ class Images:
     @property
     def frame_ids(self) -> list[int]:
         """Ids of the frames, in order."""
-        return [int(r["frame_id"]) for r in self.records]
+        return list(self._ids_and_groups[0])
 
     @property
     def groups(self) -> list[str]:
         """Group of each frame."""
-        return [str(r["group"]) for r in self.records]
+        return list(self._ids_and_groups[1])
+
+    @cached_property
+    def _ids_and_groups(self) -> tuple[list[int], list[str]]:
+        ids: list[int] = []
+        groups: list[str] = []
+        for record in self.records:
+            ids.append(int(record["frame_id"]))
+            groups.append(sys.intern(str(record["group"])))
+        return ids, groups
 
     @property
-    def dataset_id(self) -> str | None:
-        """Identity of the dataset: a hash, the only thing read from its manifest."""
-        try:
-            return str(json.loads((self.path / files.MANIFEST).read_text(encoding="utf-8"))["dataset_id"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+    def group_names(self) -> list[str]:
+        """Names of the groups, sorted."""
+        return sorted(self.contents.groups or set(self.groups))
+
+    @property
+    def dataset_id(self) -> str:
+        """Identity of the dataset: a hash."""
+        return self.contents.dataset_id
+
+    @property
+    def images_sha256(self) -> str:
+        """One checksum over those of all images, or of the points."""
+        return self.contents.images_sha256
+
+    @property
+    def complete(self) -> bool:
+        """Whether all frames of the study are there."""
+        return self.contents.complete
 
     def saturation_dn(self, i: int) -> float | None:
         """Image-file level at which pixels saturate; None if no sensor is recorded."""
@@ -68,9 +94,26 @@ class Images:
         """The printed markers: marker_id, kind, diameter_m, layout. No pose."""
         return list(self.records[i]["markers"])
 
-    def image_path(self, i: int) -> Path:
-        """The image file."""
-        return self.path / str(self.records[i]["image"])
+    def image_bytes(self, i: int) -> bytes:
+        """The bytes of the image file, held against the checksum of the manifest.
+
+        Raises
+        ------
+        DataError
+            If the file is missing, is no regular file, or was altered.
+        """
+        return self.contents.read(self._part(i), str(self.records[i]["image"]))
+
+    def _part(self, i: int) -> Part:
+        return self.contents.parts[self.contents.place_of(i)[0]]
+
+    def is_jpeg(self, i: int) -> bool:
+        """Whether the image file is a JPEG."""
+        return str(self.records[i].get("image", "")).endswith(".jpg")
+
+    def image_place(self, i: int) -> str:
+        """Address of the image file, for messages."""
+        return self.contents.folder.place(self._part(i).shard.name(str(self.records[i]["image"])))
 
     def curve(self, i: int) -> ResponseCurve | None:
         """Response curve of the delivered image; None if no sensor is recorded."""
@@ -93,15 +136,10 @@ class Images:
         Raises
         ------
         DataError
-            If the file is missing, truncated, or differs in size from its camera.
+            If the file is missing, was altered, or differs in size from its camera.
         """
-        path = self.image_path(i)
-        image = read_image(path)
-        expected = (self.records[i]["height_px"], self.records[i]["width_px"])
-        if image.shape[:2] != expected:
-            raise DataError(
-                f"{path}: {image.shape[1]}x{image.shape[0]} px, but its camera has {expected[1]}x{expected[0]}"
-            )
+        height, width = self.records[i]["height_px"], self.records[i]["width_px"]
+        image = read_image(self.image_bytes(i), self.image_place(i), (width, height))
         return image
 
     def linear_image(self, i: int, delivered: NDArray[Any] | None = None) -> tuple[NDArray[Any], float | None]:
@@ -122,12 +160,12 @@ class Images:
 
     def points(self, i: int) -> dict[int, NDArray[np.float64]]:
         """Edge points {marker_id: (N, 2)} in image pixels, of a frame in points mode."""
-        if not self._points:
-            self._points.update(_read_points(self.path / files.POINTS))
+        assert isinstance(self.records, CameraRecords), "only a dataset on disk has points"
         frame_id = int(self.records[i]["frame_id"])
-        if frame_id not in self._points:
+        found = self.records.points_of(i)
+        if frame_id not in found:
             raise DataError(f"{self.path / files.POINTS}: no points for frame {frame_id}; render the dataset again")
-        return self._points[frame_id]
+        return found[frame_id]
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[Any]]]:
         """Pairs (frame_id, image) of the frames that have images."""
@@ -136,43 +174,35 @@ class Images:
                 yield frame_id, self.image(i)
 
 
-def read_image(path: str | Path) -> NDArray[Any]:
+def read_image(data: bytes, place: str, size_px: tuple[int, int]) -> NDArray[Any]:
     """An image file as an array: (H, W) or (H, W, C), uint8 or uint16.
+
+    Parameters
+    ----------
+    data : bytes
+    place : str
+        The file's address, for messages.
+    size_px : tuple of int
+        Width and height that it must have; compared before a pixel is decoded.
 
     Raises
     ------
     DataError
-        If it cannot be read completely.
+        If it cannot be read completely, or has another size.
     """
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(path) as image:
+        with Image.open(io.BytesIO(data)) as image:
+            if image.size != size_px:
+                raise DataError(
+                    f"{place}: {image.width}x{image.height} px, but its camera has {size_px[0]}x{size_px[1]}"
+                )
             image.load()
             return np.asarray(image if image.mode in ("L", "I;16", "RGB", "RGBA") else image.convert("L"))
-    except FileNotFoundError as error:
-        raise DataError(f"{path}: this image is missing; render the dataset again") from error
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError) as error:
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError) as error:
         reason = first_line(error)
-        raise DataError(f"{path}: this image is truncated or corrupt ({reason}); render the dataset again") from error
-
-
-def _read_points(path: Path) -> dict[int, dict[int, NDArray[np.float64]]]:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        table = pq.read_table(path)
-        frame_id, marker_id, x, y = (table[c].to_numpy() for c in ("frame_id", "marker_id", "x_px", "y_px"))
-    except (OSError, pa.ArrowException, KeyError) as error:
-        raise DataError(f"{path}: points are missing or corrupt ({first_line(error)})") from error
-    xy = np.stack([x, y], axis=-1)
-    out: dict[int, dict[int, NDArray[np.float64]]] = {}
-    # Rows of one marker are contiguous: split where either id changes.
-    cuts = np.flatnonzero((np.diff(frame_id) != 0) | (np.diff(marker_id) != 0)) + 1
-    for rows in np.split(np.arange(len(x)), cuts) if len(x) else []:
-        out.setdefault(int(frame_id[rows[0]]), {})[int(marker_id[rows[0]])] = xy[rows]
-    return out
+        raise DataError(f"{place}: this image is truncated or corrupt ({reason}); render the dataset again") from error
 
 
 def open_images(path: str | Path) -> Images:
@@ -200,14 +230,5 @@ def open_images(path: str | Path) -> Images:
             else f"it has no {files.MANIFEST}"
         )
         raise DataError(f"{path}: not a readable dataset: {hint}")
-    file = path / files.CAMERAS
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        frames = record["frames"]
-        for frame in frames:
-            missing = {"frame_id", "group", "mode", "markers", "width_px", "height_px", "K"} - set(frame)
-            if missing:
-                raise DataError(f"{file}: a frame has no {', '.join(sorted(missing))}; render the dataset again")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DataError(f"{file}: missing or corrupt; render the dataset again") from error
-    return Images(path, frames)
+    contents = read_contents(Folder(path))
+    return Images(path, CameraRecords(contents), contents)

@@ -1,60 +1,78 @@
-"""The journal: one line per finished frame, appended once its files are safely on disk."""
+"""The journal of a finished shard: one line per frame, sorted, each with a checksum of its own."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 from roundel.datasets.layout import files
+from roundel.datasets.layout.schema import EntryRecord, checked
+from roundel.datasets.layout.shards import Shard
+from roundel.datasets.store.folder import Folder, Listed
+from roundel.datasets.store.records import line_of, record_of
 from roundel.scenes.errors import DataError
 
 Entry = dict[str, Any]
 
 
-def line_of(entry: Entry) -> str:
-    """An entry as a line; equal entries give equal bytes."""
-    return json.dumps(entry, sort_keys=True, separators=(",", ":"))
+def journal_bytes(entries: Iterable[Entry]) -> bytes:
+    """The journal, sorted by frame, so that its bytes do not depend on the order of rendering."""
+    return "".join(line_of(entry) + "\n" for entry in sorted(entries, key=lambda e: e["frame_id"])).encode()
 
 
-def append(dataset: Path, entry: Entry) -> None:
-    """Record a finished frame. Its files must already be safely on disk."""
-    files.append_line(dataset / files.JOURNAL, line_of(entry))
+def entries_of(data: bytes, place: str) -> tuple[dict[int, Entry], int]:
+    """Entries of a journal by frame id, and the number of damaged lines, which are left out.
 
-
-def read(dataset: Path) -> dict[int, Entry]:
-    """Entries by frame id. A last line cut short by a crash is dropped; any other broken line is an error."""
-    path = dataset / files.JOURNAL
-    if not path.is_file():
-        return {}
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot read the journal; remove it to render again") from error
-    entries: dict[int, Entry] = {}
-    lines = text.split("\n")
-    for number, line in enumerate(lines, start=1):
+    Raises
+    ------
+    DataError
+        If a whole line is not a finished frame.
+    """
+    entries, damaged = {}, 0
+    for number, line in enumerate(data.split(b"\n"), start=1):
         if not line:
             continue
-        try:
-            entry = json.loads(line)
-            entries[int(entry["frame_id"])] = entry
-        except (ValueError, KeyError, TypeError) as error:
-            if number == len(lines):
-                break
-            raise DataError(f"{path}:{number}: this line is corrupt; remove it to render its frame again") from error
-    return entries
+        entry = record_of(line)
+        if entry is not None:
+            checked(EntryRecord, entry, f"{place}:{number}")
+        else:
+            entry = _old(line)
+        if entry is None:
+            damaged += 1
+            continue
+        entries[int(entry["frame_id"])] = entry
+    return entries, damaged
 
 
-def rewrite(dataset: Path, entries: dict[int, Entry]) -> None:
-    """Write the journal sorted by frame, so that its bytes do not depend on the order of rendering."""
-    text = "".join(line_of(entries[i]) + "\n" for i in sorted(entries))
-    files.write_file(dataset / files.JOURNAL, text.encode())
+def is_old(line: bytes) -> bool:
+    """Whether a line is of version 1."""
+    return record_of(line) is None and _old(line) is not None
 
 
-def is_done(dataset: Path, entry: Entry) -> bool:
-    """Whether all files of the entry exist with the recorded sizes."""
+def _old(line: bytes) -> Entry | None:
+    """A line of version 1, which has no checksum; None if it is none."""
     try:
-        return all((dataset / name).stat().st_size == record["bytes"] for name, record in entry["files"].items())
-    except OSError:
-        return False
+        entry = json.loads(line)
+        checked(EntryRecord, entry, "")
+    except (ValueError, RecursionError, DataError):
+        return None
+    return entry if isinstance(entry, dict) else None
+
+
+def read_journal(folder: Folder, shard: Shard, listed: Listed, remedy: str) -> dict[int, Entry]:
+    """Entries of a finished shard by frame id.
+
+    Raises
+    ------
+    DataError
+        If the journal is missing or was altered.
+    """
+    name = shard.name(files.JOURNAL)
+    data = folder.read_checked(name, listed, remedy)
+    return entries_of(data, folder.place(name))[0]
+
+
+def is_done(folder: Folder, shard: Shard, entry: Entry) -> bool:
+    """Whether all files of the entry exist with the recorded sizes."""
+    return all(folder.size(shard.name(name)) == record["bytes"] for name, record in entry["files"].items())

@@ -54,6 +54,30 @@ def encode_radiance(planes: Planes) -> bytes:
         ) from error
 
 
+def decode_radiance(data: bytes, place: str) -> Planes:
+    """Planes of an EXR file, by channel, from its bytes; `place` is its address, for messages.
+
+    Raises
+    ------
+    DataError
+        If it is truncated, or not a Roundel radiance file.
+    """
+    import OpenEXR
+
+    try:
+        # The library reads only named files.
+        with tempfile.NamedTemporaryFile(suffix=".exr") as file:
+            file.write(data)
+            file.flush()
+            with OpenEXR.File(file.name, separate_channels=True) as opened:
+                planes = {n: np.array(c.pixels, dtype=np.float32) for n, c in opened.channels().items()}
+    except Exception as error:  # the binding raises bare RuntimeError, OSError and its own types alike
+        raise DataError(f"{place}: truncated or not an EXR file; render the dataset again") from error
+    if "Y" not in planes or not np.all(np.isfinite(planes["Y"])):
+        raise DataError(f"{place}: has no finite radiance channel Y; render the dataset again")
+    return planes
+
+
 def read_radiance(path: str | Path) -> Planes:
     """Planes of an EXR file, by channel.
 
@@ -62,16 +86,11 @@ def read_radiance(path: str | Path) -> Planes:
     DataError
         If the file is missing, truncated, or not a Roundel radiance file.
     """
-    import OpenEXR
-
     path = Path(path)
-    if not path.is_file():
-        raise DataError(f"{path}: this radiance is missing; render the dataset again (render.radiance: true)")
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            planes = {name: np.array(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
-    except Exception as error:  # the binding raises bare RuntimeError, OSError and its own types alike
-        raise DataError(f"{path}: truncated or not an EXR file; render the dataset again") from error
-    if "Y" not in planes or not np.all(np.isfinite(planes["Y"])):
-        raise DataError(f"{path}: has no finite radiance channel Y; render the dataset again")
-    return planes
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(
+            f"{path}: this radiance is missing; render the dataset again (render.radiance: true)"
+        ) from error
+    return decode_radiance(data, str(path))

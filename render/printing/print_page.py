@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.scenes.errors import UsageError
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Disc, Sectors, Shape, Sheet
 from roundel.scenes.study.marker_section import CIRCULAR

@@ -179,10 +179,13 @@ def frame_of(study: Study, frame_id: int) -> Frame:
     raise IndexError(f"no frame {frame_id}; the study has {total_frames(study)}")
 
 
-def frames_of(study: Study) -> Iterator[Frame]:
-    """All frames, in order."""
+def frames_of(study: Study, frames: range | None = None) -> Iterator[Frame]:
+    """All frames, or those of a range, in order."""
     for name, ids in group_ranges(study).items():
-        for frame_id in ids:
+        low, high = (
+            (ids.start, ids.stop) if frames is None else (max(ids.start, frames.start), min(ids.stop, frames.stop))
+        )
+        for frame_id in range(low, high):
             yield _frame(study, name, frame_id, frame_id - ids.start)
 
 

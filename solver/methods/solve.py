@@ -9,21 +9,25 @@ from __future__ import annotations
 import json
 import pickle
 import secrets
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from importlib.metadata import version
+from dataclasses import dataclass, field
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from roundel.datasets.layout.files import MANIFEST, check_no_dataset
+from roundel.datasets.layout.contents import Part
+from roundel.datasets.layout.files import CAMERAS, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
-from roundel.datasets.layout.worker_pool import in_order
+from roundel.datasets.layout.shards import SHARD_FRAMES
+from roundel.datasets.store.writing import clear_leftovers
+from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
-from roundel.solver.estimates import Estimate
+from roundel.solver.estimates import NOT_FOUND, Estimate, estimates_table
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.companions import companions_of, printed_markers
@@ -31,7 +35,17 @@ from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
-from roundel.solver.methods.solved_parts import PARTS, Tally, join_parts, part_name, read_part, write_part
+from roundel.solver.methods.solved_parts import (
+    PARTS,
+    Tally,
+    join_parts,
+    part_name,
+    read_part,
+    source_stamp,
+    whole_part,
+    write_part,
+    write_table_part,
+)
 from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
 from roundel.solver.photometry.frame_levels import frame_levels
 
@@ -110,20 +124,21 @@ def solve_dataset(
     check_knowledge(knowledge)
     images = open_images(dataset_path)
     only_circles = any(finder is None for finder in loaded.values())
-    todo = _frames(images, _specs(intrinsics), groups, frames, only_circles)
-    blocks, out = _blocks(todo), Path(out_path)
     run = _Run(images, loaded, knowledge)
-    parts = [out / PARTS / name for name in _part_names(run, blocks)]
-    missing = [i for i, path in enumerate(parts) if read_part(path) is None]
-    done = len(todo) - sum(len(blocks[i]) for i in missing)
-    with closing(_solved(run, [(blocks[i], parts[i]) for i in missing], jobs)) as solved:
+    plan = _Plan(run, _specs(intrinsics), groups, frames, only_circles, Path(out_path))
+    clear_leftovers(plan.out)
+    clear_leftovers(plan.out / PARTS)
+    with closing(_solved(run, plan.missing(), jobs, plan.set_aside)) as solved:
         for count in solved:
             if progress:
-                progress(done, len(todo))
-            done += count
+                progress(plan.passed, plan.total)
+            plan.passed += count
     if progress:
-        progress(done, len(todo))
-    tally = join_parts(parts, out, images.dataset_id)
+        progress(plan.total, plan.total)
+    if not plan.parts:
+        which = "" if frames is None else f" among {frames.start}:{frames.stop}"
+        raise UsageError(f"no frame with a circular marker{which}; give a group or frames that have one")
+    tally = join_parts(plan.parts, plan.out, images.dataset_id, images.images_sha256)
     if on_warning:
         for name in (name for name in loaded if name in tally.failures):
             number, first, said = tally.failures[name]
@@ -140,42 +155,131 @@ class _Run:
     knowledge: Knowledge
 
 
+@dataclass
+class _Plan:
+    """Which frames are solved in which parts, found out shard by shard."""
+
+    run: _Run
+    specs: list[Intrinsics]
+    groups: Sequence[str] | None
+    frames: range | None
+    only_circles: bool
+    out: Path
+    parts: list[Path] = field(default_factory=list)
+    passed: int = 0
+
+    def __post_init__(self) -> None:
+        known = self.run.images.group_names
+        for group in self.groups or ():
+            if group not in known:
+                raise UsageError(f"group {group!r}: the dataset has {', '.join(known)}")
+        images, whole = self.run.images, len(self.run.images)
+        self._shared = _shared_by_parts(self.run)
+        # At once, so that a wrong argument fails before anything is solved.
+        self._first = self._frames_of(0) if images.contents.parts else []
+        single = len(images.contents.parts) == 1
+        self.total = len(self._first) if single else whole if self.frames is None else len(self.frames[:whole])
+
+    def missing(self) -> Iterator[tuple[list[_Frame], Path]]:
+        """Blocks of frames that are not solved yet, and the files of their results."""
+        images = self.run.images
+        for number in range(len(images.contents.parts)):
+            todo = self._frames_of(number) if number else self._first
+            part = images.contents.parts[number]
+            if len(images.contents.parts) > 1:
+                self.passed += self._within(part) - len(todo)
+            # Files of estimates say of which images they are, and so do the parts of them.
+            cameras = images.contents.files_of(part)[CAMERAS].sha256
+            about = f"{images.dataset_id} {part.images_sha256} {cameras}".encode()
+            missing = []
+            for block in _blocks(todo):
+                path = self.out / PARTS / part_name(len(self.parts), self._shared, about, pickle.dumps(block))
+                self.parts.append(path)
+                if read_part(path) is None:
+                    missing.append((block, path))
+                else:
+                    self.passed += len(block)
+            yield from missing
+
+    def _within(self, part: Part) -> int:
+        """Frames of a shard that are in the wanted range."""
+        if self.frames is None:
+            return part.frames
+        ids = part.shard.frames
+        return max(0, min(ids.stop, self.frames.stop) - max(ids.start, self.frames.start))
+
+    def _frames_of(self, number: int) -> list[_Frame]:
+        part = self.run.images.contents.parts[number]
+        first, end = part.shard.frames.start, part.shard.frames.start + max(SHARD_FRAMES, part.frames)
+        if self.frames is not None and (first >= self.frames.stop or end <= self.frames.start):
+            return []
+        return _frames(self.run.images, number, self.specs, self.groups, self.frames, self.only_circles)
+
+    def set_aside(self, frame: _Frame, why: str) -> list[Estimate]:
+        """Failed estimates of a frame whose processes died."""
+        keys = ((method, label) for method in self.run.methods for label in frame.cameras)
+        return [Estimate(frame.frame_id, NOT_FOUND, m, label, "failed", reason=why) for m, label in keys]
+
+
 def _blocks(todo: list[_Frame]) -> list[list[_Frame]]:
-    """Consecutive frames, by their number alone: a part has the same frames in every run."""
+    """Consecutive frames of a shard, by their number alone: a part has the same frames in every run."""
     size = max(1, min(len(todo) // _BLOCKS, _LARGEST_BLOCK))
     return [todo[i : i + size] for i in range(0, len(todo), size)]
 
 
-def _part_names(run: _Run, blocks: list[list[_Frame]]) -> list[str]:
-    """Names of the blocks' parts; another dataset, argument or version of Roundel gives other names."""
+def _shared_by_parts(run: _Run) -> bytes:
+    """What all parts depend on beside their frames: another argument or version of Roundel gives them other names."""
     try:
-        shared = pickle.dumps((list(run.methods), run.knowledge, _source_stamp()))
-        manifest = (run.images.path / MANIFEST).read_bytes()
         if not all(f is None or f.__module__.startswith("roundel.") for f in run.methods.values()):
             raise ValueError("nothing tells whether a third-party method has changed")
+        return pickle.dumps((list(run.methods), run.knowledge, source_stamp()))
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError):
-        shared, manifest = secrets.token_bytes(), b""  # nothing to continue from
-    return [part_name(i, shared, manifest, pickle.dumps(block)) for i, block in enumerate(blocks)]
+        return secrets.token_bytes()  # nothing to continue from
 
 
-def _source_stamp() -> tuple[Any, ...]:
-    """What tells two versions of the solver apart."""
-    rooms = Path(__file__).parents[2]
-    files = sorted(f for room in ("scenes", "solver") for f in (rooms / room).rglob("*.py"))
-    packages = [version(name) for name in ("roundel", "numpy", "scipy", "numba")]
-    return (*packages, *((f.stat().st_mtime_ns, f.stat().st_size) for f in files))
-
-
-def _solved(run: _Run, work: list[tuple[list[_Frame], Path]], jobs: int) -> Generator[int, None, None]:
+def _solved(
+    run: _Run,
+    work: Iterator[tuple[list[_Frame], Path]],
+    jobs: int,
+    set_aside: Callable[[_Frame, str], list[Estimate]],
+) -> Generator[int, None, None]:
     """Solve blocks and write their parts; yields numbers of solved frames."""
-    jobs = min(jobs, len(work))
-    if jobs <= 1:
+    # No more processes than there are blocks.
+    first = list(islice(work, jobs))
+    work = chain(first, work)
+    if min(jobs, len(first)) <= 1:
         for block, part in work:
             yield from _solve_block(run, block, part)
         return
     shared = pickled((run.images.path, run.knowledge))
-    died = "a solving process died, perhaps from lack of memory; run the command again to continue"
-    yield from in_order(jobs, _work, after_warm_up(work), _start_worker, (shared, list(run.methods)), died)
+    died = "the solving processes died as they started; free some memory, or use fewer --jobs"
+    with WorkerPool(min(jobs, len(first)), _work, _start_worker, (shared, list(run.methods)), died) as pool:
+        for done in pool.in_order(after_warm_up(work)):
+            if isinstance(done, Lost):
+                yield from _one_by_one(pool, done.item[0], done.item[1], set_aside)
+            else:
+                yield done
+
+
+def _one_by_one(
+    pool: WorkerPool, block: list[_Frame], part: Path, set_aside: Callable[[_Frame, str], list[Estimate]]
+) -> Generator[int, None, None]:
+    """Solve the frames of a block whose process died twice each by itself; that which it dies of fails."""
+    estimates, tally = [], Tally()
+    single = [(frame, part.with_name(f"{part.stem}-{frame.frame_id}.arrow")) for frame in block]
+    for (frame, path), done in zip(single, pool.in_order([([f], p) for f, p in single]), strict=True):
+        if isinstance(done, Lost):
+            failed = set_aside(frame, str(done))
+            its = Tally({"frames": 1, "detections": 0, "empty_frames": 1, "failed_estimates": len(failed)})
+            its.timings.append(json.dumps({"frame_id": frame.frame_id, "detections": 0}))
+            estimates.append(estimates_table(failed))
+        else:
+            table, its = whole_part(path)
+            estimates.append(table)
+        tally.add(its)
+        tally.timings += its.timings
+        yield 1
+    write_table_part(part, pa.concat_tables(estimates), tally)
 
 
 # A worker process keeps what all frames share.
@@ -235,36 +339,31 @@ def _specs(intrinsics: Sequence[str]) -> list[Intrinsics]:
 
 def _frames(
     images: Images,
+    number: int,
     specs: list[Intrinsics],
     groups: Sequence[str] | None,
     wanted: range | None,
     only_circles: bool,
 ) -> list[_Frame]:
-    """Frames to solve; their cameras are made first, so that a wrong argument fails immediately.
+    """Frames of a shard to solve, with their cameras.
 
     `only_circles`: only frames with a circular marker.
     """
-    known = sorted(set(images.groups))
-    for group in groups or ():
-        if group not in known:
-            raise UsageError(f"group {group!r}: the dataset has {', '.join(known)}")
+    before = sum(part.frames for part in images.contents.parts[:number])
     out = []
-    for i, (frame_id, group) in enumerate(zip(images.frame_ids, images.groups, strict=True)):
-        markers = images.markers(i)
-        diameters = [m["diameter_m"] for m in markers if m["diameter_m"] is not None]
+    for i in range(before, before + images.contents.parts[number].frames):
+        record = images.records[i]
+        diameters = [m["diameter_m"] for m in record["markers"] if m["diameter_m"] is not None]
         if not diameters and not only_circles:
-            diameters = [_equivalent_diameter_m(marker) for marker in markers]
-        if not diameters or (groups is not None and group not in groups):
+            diameters = [_equivalent_diameter_m(marker) for marker in record["markers"]]
+        if not diameters or (groups is not None and record["group"] not in groups):
             continue
-        if wanted is not None and frame_id not in wanted:
+        if wanted is not None and record["frame_id"] not in wanted:
             continue
         camera, row_time = images.camera(i), images.row_time(i)
         size = camera.width_px, camera.height_px
         cameras = {spec.label: uncertain_camera_for(spec, camera, *size, row_time=row_time) for spec in specs}
-        out.append(_Frame(i, frame_id, float(diameters[0]), cameras))
-    if not out:
-        which = "" if wanted is None else f" among {wanted.start}:{wanted.stop}"
-        raise UsageError(f"no frame with a circular marker{which}; give a group or frames that have one")
+        out.append(_Frame(i, int(record["frame_id"]), float(diameters[0]), cameras))
     return out
 
 

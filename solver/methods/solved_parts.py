@@ -13,12 +13,14 @@ import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from roundel.datasets.layout.files import new_file, write_failure
+from roundel.datasets.store.writing import new_file, temporary_name, write_failure
 from roundel.scenes.errors import DataError
 from roundel.solver.estimates import ESTIMATES, Estimate, estimates_schema, estimates_table
 
@@ -65,6 +67,14 @@ def part_name(number: int, *contents: bytes) -> str:
     return f"{number:07d}-{digest.hexdigest()[:32]}.arrow"
 
 
+def source_stamp() -> tuple[Any, ...]:
+    """What tells two versions of the solver apart."""
+    rooms = Path(__file__).parents[2]
+    files = sorted(f for room in ("scenes", "solver") for f in (rooms / room).rglob("*.py"))
+    packages = [version(name) for name in ("roundel", "numpy", "scipy", "numba")]
+    return (*packages, *((f.stat().st_mtime_ns, f.stat().st_size) for f in files))
+
+
 def write_part(path: Path, estimates: Sequence[Estimate], tally: Tally) -> None:
     """Write the results of a block.
 
@@ -75,17 +85,28 @@ def write_part(path: Path, estimates: Sequence[Estimate], tally: Tally) -> None:
     DataError
         If it cannot be written.
     """
-    table = estimates_table(estimates)
+    write_table_part(path, estimates_table(estimates), tally)
+
+
+def write_table_part(path: Path, table: pa.Table, tally: Tally) -> None:
+    """Likewise, of estimates as a table.
+
+    Raises
+    ------
+    DataError
+        If it cannot be written.
+    """
     about = json.dumps([tally.counts, tally.failures, tally.timings]).encode()
     buffer = io.BytesIO()
     with pa.ipc.new_file(buffer, table.schema.with_metadata({_ABOUT: about})) as writer:
         writer.write_table(table.replace_schema_metadata({_ABOUT: about}))
-    temporary = path.with_suffix(".tmp")
+    temporary = temporary_name(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_bytes(buffer.getvalue())
         os.replace(temporary, path)
     except OSError as error:
+        temporary.unlink(missing_ok=True)
         raise write_failure(path, error) from error
 
 
@@ -100,7 +121,21 @@ def read_part(path: Path) -> tuple[pa.Table, Tally] | None:
     return table, Tally(counts, {name: tuple(value) for name, value in failures.items()}, timings)
 
 
-def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None) -> Tally:
+def whole_part(path: Path) -> tuple[pa.Table, Tally]:
+    """The results of a block.
+
+    Raises
+    ------
+    DataError
+        If there is no such part, or it is damaged.
+    """
+    found = read_part(path)
+    if found is None:
+        raise DataError(f"{path}: a part of the results is gone or damaged; run the same command again")
+    return found
+
+
+def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None, images_sha256: str | None) -> Tally:
     """Join all parts, in order, into `estimates.parquet` and `timings.jsonl`, and remove them.
 
     Raises
@@ -108,7 +143,7 @@ def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None) -> Tall
     DataError
         If a file cannot be written, or a part vanished.
     """
-    schema, whole = estimates_schema(dataset_id), Tally()
+    schema, whole = estimates_schema(dataset_id, images_sha256), Tally()
     waiting: list[pa.Table] = []
 
     def flush(writer: pq.ParquetWriter) -> None:
@@ -123,10 +158,7 @@ def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None) -> Tall
         pq.ParquetWriter(estimates, schema) as writer,
     ):
         for path in parts:
-            part = read_part(path)
-            if part is None:
-                raise DataError(f"{path}: a part of the results is gone or damaged; run the same command again")
-            table, tally = part
+            table, tally = whole_part(path)
             whole.add(tally)
             timings.writelines(f"{line}\n".encode() for line in tally.timings)
             waiting.append(table)

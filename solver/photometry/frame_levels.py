@@ -49,7 +49,7 @@ def frame_levels(images: Images, i: int, delivered: NDArray[Any]) -> Levels:
         top_dn,
         float(1 << sensor.get("stored_shift", 0)),
         averaged_rounding(delivered),
-        read_luminance_table(images.image_path(i)),
+        read_luminance_table(images.image_bytes(i)) if images.is_jpeg(i) else None,
         *processing_of(sensor.get("isp")),
     )
     return Levels(grey, full_scale_dn, photometry, None if curve else lambda found: grey_levels(delivered, found))

@@ -11,9 +11,9 @@ question, are put through the curve and the table, and what comes out is fitted 
 
 from __future__ import annotations
 
+import io
 import math
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,14 +40,12 @@ def luminance_table(image: Any) -> tuple[int, ...] | None:
     return steps if len(steps) == 64 and min(steps) > 0 else None
 
 
-def read_luminance_table(path: str | Path) -> tuple[int, ...] | None:
-    """`luminance_table` of a file; None if it is no JPEG, or cannot be read."""
+def read_luminance_table(data: bytes) -> tuple[int, ...] | None:
+    """`luminance_table` of the bytes of a file; None if it is no JPEG, or cannot be read."""
     from PIL import Image
 
-    if Path(path).suffix.lower() not in (".jpg", ".jpeg"):
-        return None
     try:
-        with Image.open(path) as image:  # reads the header, decodes nothing
+        with Image.open(io.BytesIO(data)) as image:  # reads the header, decodes nothing
             return luminance_table(image)
     except (OSError, SyntaxError, ValueError):  # whoever decodes the pixels reports what is wrong
         return None

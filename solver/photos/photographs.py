@@ -10,8 +10,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from roundel.datasets.layout.files import check_no_dataset, write_file
-from roundel.datasets.layout.worker_pool import in_order
+from roundel.datasets.layout.files import check_no_dataset
+from roundel.datasets.store.writing import write_file
+from roundel.datasets.worker_pool import Lost, in_order
 from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_curve
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
@@ -145,8 +146,11 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
         yield from (_solve_one(run, photograph) for photograph in photographs)
         return
     shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.curve))
-    died = "a solving process died, perhaps from lack of memory; run the command again with fewer jobs"
-    yield from in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, list(run.methods)), died)
+    died = "the solving processes died as they started; free some memory, or use fewer --jobs"
+    for result in in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, list(run.methods)), died):
+        if isinstance(result, Lost):
+            raise DataError(f"{result.item[1]}: {result}; run the command again without it")
+        yield result
 
 
 _worker: list[_Run] = []

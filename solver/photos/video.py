@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.layout.files import check_no_dataset, write_failure
+from roundel.datasets.layout.files import check_no_dataset
+from roundel.datasets.store.writing import write_failure
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate
@@ -128,7 +129,7 @@ def solve_video(
                     estimates, tally = [], Tally()
         if estimates:
             parts.append(_written(out, len(parts), estimates, tally))
-        join_parts(parts, out, None)
+        join_parts(parts, out, None, None)
     finally:
         shutil.rmtree(out / PARTS, ignore_errors=True)
     if progress:

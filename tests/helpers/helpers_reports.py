@@ -15,13 +15,17 @@ from PIL import Image
 from scipy.ndimage import binary_dilation
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.finish import finish_dataset, study_bytes
+from roundel.datasets.environment import environment_of, key_of
+from roundel.datasets.finish import Frames, finish_shard, study_bytes, write_manifest
 from roundel.datasets.layout import files
+from roundel.datasets.layout.shards import shard_of, shards_of
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import conic_of_ellipse
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.study.study import load_study
-from roundel.scenes.world.frame import Frame, frames_of
+from roundel.scenes.world.frame import Frame, frames_of, total_frames
 from roundel.solver.pose.circle_pose import poses_from_conic
 
 POINTS = """\
@@ -98,7 +102,7 @@ def make_dataset(folder: Path, text: str) -> Dataset:
     source = folder.parent / f"{folder.name}.yaml"
     source.write_text(text)
     study = load_study(source)
-    files.write_file(folder / files.STUDY, study_bytes(study))
+    write_file(folder / files.STUDY, study_bytes(study))
     entries: dict[int, dict[str, Any]] = {}
     for frame in frames_of(study):
         if frame.settings.mode != "images":
@@ -106,16 +110,20 @@ def make_dataset(folder: Path, text: str) -> Dataset:
         sink = io.BytesIO()
         Image.fromarray(sheet_image(frame)).save(sink, format="PNG")
         name, data = files.image_name(frame.frame_id), sink.getvalue()
-        files.write_file(folder / name, data)
+        write_file(folder / shard_of(total_frames(study), frame.frame_id).name(name), data)
         entries[frame.frame_id] = {
             "frame_id": frame.frame_id,
             "group": frame.group,
-            "files": {name: {"sha256": files.sha256(data), "bytes": len(data)}},
+            "files": {name: {"sha256": sha256(data), "bytes": len(data)}},
             "photometry": {},
             "fidelity": {},
         }
-    (folder / files.JOURNAL).touch()
-    finish_dataset(study, folder, entries, {"variant": None})
+    own = environment_of({"variant": None})
+    records = []
+    for shard in shards_of(total_frames(study)):
+        its = {i: {**entry, "environment": key_of(own)} for i, entry in entries.items() if i in shard.frames}
+        records.append((shard, finish_shard(study, Folder(folder), shard, Frames(its, {}, {key_of(own): own}))))
+    write_manifest(study, Folder(folder), records, own)
     return open_dataset(folder)
 
 

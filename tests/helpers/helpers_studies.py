@@ -2,8 +2,12 @@
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 from roundel.datasets.layout import files
+from roundel.datasets.layout.shards import Shard
+from roundel.datasets.progress import ShardProgress
+from roundel.datasets.store.folder import Folder
 from roundel.scenes.study.study import Study, load_study
 
 SMALL = """\
@@ -32,6 +36,11 @@ def small_study(folder: Path, *edits: tuple[str, str], name: str = "study.yaml")
     path = folder / name
     path.write_text(text)
     return load_study(path)
+
+
+def finished_frames(dataset: Path, study: Study) -> dict[int, dict[str, Any]]:
+    """Journal lines of the frames of a small dataset that are done, finished or not."""
+    return ShardProgress(Folder(dataset), Shard("", range(1000)), study.digest()).entries
 
 
 def digests(dataset: Path) -> dict[str, str]:

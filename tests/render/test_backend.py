@@ -6,11 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers_studies import small_study
+from helpers_studies import finished_frames, small_study
 
 from roundel.cli import parser
 from roundel.datasets import resume
-from roundel.datasets.layout import journal
 from roundel.render import backend, cuda, llvm
 from roundel.render.run import render_study
 from roundel.scenes.errors import BackendError, UsageError
@@ -187,11 +186,11 @@ def test_no_driver_is_one_line_and_exit_code_4(tmp_path: Path, jobs: str) -> Non
 def test_a_dataset_is_continued_with_the_backend_that_began_it(monkeypatch, tmp_path: Path) -> None:
     study = small_study(tmp_path)
     render_study(study, tmp_path / "ds", frames=range(1))
-    assert [entry["backend"] for entry in journal.read(tmp_path / "ds").values()] == ["llvm"]
+    assert [entry["backend"] for entry in finished_frames(tmp_path / "ds", study).values()] == ["llvm"]
     install(monkeypatch, Driver(1, 12040))
     with pytest.raises(UsageError, match="rendered with --backend llvm; continue with that, or render with --backend"):
         render_study(study, tmp_path / "ds", backend="cuda")
     # `auto` goes on as the dataset was begun, though a GPU is there.
     assert render_study(study, tmp_path / "ds", backend="auto") is not None
-    assert {entry["backend"] for entry in journal.read(tmp_path / "ds").values()} == {"llvm"}
-    assert resume.backend_to_resume(tmp_path, {0: {"frame_id": 0}}, "auto") == "llvm"
+    assert {entry["backend"] for entry in finished_frames(tmp_path / "ds", study).values()} == {"llvm"}
+    assert resume.backend_to_resume(tmp_path, [{"frame_id": 0}], "auto") == "llvm"

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers_studies import digests, small_study
+from helpers_studies import digests, finished_frames, small_study
 
-from roundel.datasets.layout import files, journal
+from roundel.datasets.layout import files
 from roundel.render.run import render_study
 from roundel.scenes.study.study import Study
 
@@ -65,16 +65,16 @@ def test_a_frame_is_the_same_first_and_last_in_a_process(rendered: Path, tmp_pat
 
 @pytest.mark.slow
 def test_killed_and_resumed_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
-    world_study(tmp_path)
+    study = world_study(tmp_path)
     command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), str(tmp_path / "ds")]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and len(journal.read(tmp_path / "ds")) < 1 and process.poll() is None:
+    while time.monotonic() < deadline and len(finished_frames(tmp_path / "ds", study)) < 1 and process.poll() is None:
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     # A frame takes half a second: the kill comes in time.
-    assert 1 <= len(journal.read(tmp_path / "ds")) < 6, "the process was to be killed in the middle"
+    assert 1 <= len(finished_frames(tmp_path / "ds", study)) < 6, "the process was to be killed in the middle"
     kept = (tmp_path / "ds" / files.image_name(0)).stat().st_mtime_ns
     render_in_a_process(tmp_path)
     assert digests(tmp_path / "ds") == digests(rendered / "ds")

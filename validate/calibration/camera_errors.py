@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.scenes.camera.model import Camera, project, ray_direction
 from roundel.scenes.errors import NotComparableError
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m

@@ -102,6 +102,14 @@ def dataset_of(table: pa.Table) -> str | None:
         return None
 
 
+def images_of(table: pa.Table) -> str | None:
+    """The checksum of the images in the metadata of a file of estimates; None if there is none."""
+    try:
+        return str(json.loads((table.schema.metadata or {})[METADATA])["images_sha256"])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
 def _read_parquet(file: Path, data: bytes) -> pa.Table:
     try:
         # Read from memory, because a path is searched for partitions (`run=3/estimates.parquet` gets a column).

@@ -15,7 +15,7 @@ from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.model import Camera, lens_problem
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
-from roundel.validate.estimates.reader import dataset_of, read_estimates
+from roundel.validate.estimates.reader import dataset_of, images_of, read_estimates
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL
 
 Array = NDArray[np.float64]
@@ -94,6 +94,12 @@ def _read(path: Path, dataset: Dataset) -> pa.Table:
         raise NotComparableError(
             f"{path}: the estimates are of dataset {made_of[:12]}, but {dataset.path} is {here[:12]}; "
             "give the dataset that they were made from"
+        )
+    images = images_of(table)
+    if images is not None and images != dataset.images.images_sha256:
+        raise NotComparableError(
+            f"{path}: the estimates were made from other images of {dataset.path} ({images[:12]}, now "
+            f"{dataset.images.images_sha256[:12]}); solve it again"
         )
     for name in (*KEY, "chosen", "status"):
         if table[name].null_count:

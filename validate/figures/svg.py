@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 from xml.sax.saxutils import escape
 
-from roundel.datasets.layout.files import sha256
+from roundel.datasets.store.writing import sha256
 from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:

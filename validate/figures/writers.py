@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.validate.figures.svg import Picture, standalone_svg
 
 FOLDER = "figures"

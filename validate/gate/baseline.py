@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.validate.gate.checks import MIN_CIRCLES
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y

@@ -11,18 +11,19 @@ import copy
 import hashlib
 import json
 import secrets
-import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
-from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.dataset import Dataset, checked_truth, open_dataset
 from roundel.datasets.layout import files
+from roundel.datasets.layout.contents import images_digest
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.truth_table import parquet_bytes
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.records import document_of
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.league.outcomes import frames_of_league
 from roundel.validate.scores.readings import IDENTITIES
@@ -69,32 +70,32 @@ def hold_back(dataset_path: str | Path, public: str | Path, kept: str | Path) ->
         if folder.exists():
             raise UsageError(f"{folder}: is there already; name a new folder")
     salt = secrets.token_hex(32)
-    truth = (dataset.path / files.TRUTH).read_bytes()
-    records = copy.deepcopy(dataset.images.records)
+    truth = parquet_bytes(dataset.truth)
+    records = copy.deepcopy(list(dataset.images.records))
     identities = [_taken(record["markers"]) for record in records]
-    (out.public / "images").mkdir(parents=True)
-    listed: dict[str, Any] = {}
-    for record in records:
-        name = str(record["image"])
-        shutil.copyfile(dataset.path / name, out.public / name)
-        listed[name] = dataset.manifest["files"][name]
-    cameras = _json({"frames": records})
-    listed[files.CAMERAS] = {"sha256": files.sha256(cameras), "bytes": len(cameras)}
+    target, listed = Folder(out.public), dict[str, Any]()
+    for i, record in enumerate(records):
+        name, data = str(record["image"]), dataset.images.image_bytes(i)
+        target.write(name, data)
+        listed[name] = _listed(data)
+    cameras = _json({"schema": 1, "frames": records})
+    listed[files.CAMERAS] = _listed(cameras)
     manifest = {
-        "schema": 1,
+        "schema": 2,
+        "tool": "roundel",
         "dataset_id": salted(salt, str(dataset.manifest["dataset_id"]).encode()),
         "study": {"name": f"{dataset.study['name']}, held back", "solve": {}},
         "files": listed,
+        "images_sha256": images_digest(listed),
         "counts": {"frames": len(records)},
         COMMITMENT: salted(salt, truth),
     }
-    out.kept.mkdir(parents=True)
-    files.write_file(out.kept / files.TRUTH, truth)
-    files.write_file(out.kept / SALT, f"{salt}\n".encode())
-    files.write_file(out.kept / _IDENTITY, _json(identities))
-    shutil.copyfile(dataset.path / files.STUDY, out.kept / files.STUDY)
-    files.write_file(out.public / files.CAMERAS, cameras)
-    files.write_file(out.public / files.MANIFEST, _json(manifest))
+    write_file(out.kept / files.TRUTH, truth)
+    write_file(out.kept / SALT, f"{salt}\n".encode())
+    write_file(out.kept / _IDENTITY, _json(identities))
+    write_file(out.kept / files.STUDY, dataset.contents.folder.read(files.STUDY))
+    target.write(files.CAMERAS, cameras)
+    target.write(files.MANIFEST, document_of(manifest))
     return out
 
 
@@ -109,23 +110,27 @@ def open_held_back(public: str | Path, kept: str | Path) -> Dataset:
         If the truth is not that of the images.
     """
     public, kept = Path(public), Path(kept)
-    images, manifest = open_images(public), read_manifest(public)
+    images, (manifest, _) = open_images(public), read_manifest(Folder(public))
     if COMMITMENT not in manifest:
         raise NotComparableError(f"{public}: nothing is held back of this dataset; leave out --truth")
     try:
         salt = (kept / SALT).read_text(encoding="utf-8").strip()
         data = (kept / files.TRUTH).read_bytes()
         identities = json.loads((kept / _IDENTITY).read_text(encoding="utf-8"))
-        truth = pq.read_table(pa.BufferReader(data))
-    except (OSError, ValueError, pa.ArrowException) as error:
+    except (OSError, ValueError) as error:
         raise DataError(f"{kept}: the truth that was held back is missing or corrupt") from error
     if salted(salt, data) != manifest[COMMITMENT]:
         raise NotComparableError(f"{kept}: this is not the truth that {public} was published with")
-    for record, told in zip(images.records, identities, strict=True):
+    truth = checked_truth(data, str(kept / files.TRUTH))
+    records = list(images.records)
+    for record, told in zip(records, identities, strict=True):
         for marker, own in zip(record["markers"], told, strict=True):
             marker["layout"].update(own)
-    manifest["files"][files.TRUTH] = {"sha256": files.sha256(data), "bytes": len(data)}
-    return Dataset(public, images, truth, manifest)
+    return Dataset(public, replace(images, records=records), manifest, truth, sha256(data))
+
+
+def _listed(data: bytes) -> dict[str, Any]:
+    return {"sha256": sha256(data), "bytes": len(data)}
 
 
 def salted(salt: str, data: bytes) -> str:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset
-from roundel.datasets.layout.files import sha256, write_file
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import NotComparableError
 from roundel.validate.estimates.runs import read_runs
 from roundel.validate.figures.writers import write_figures
@@ -115,11 +115,9 @@ def write_league(dataset: Dataset, outcomes: pa.Table, out: Path, left_out: Sequ
 
 def identity_of_dataset(dataset: Dataset) -> dict[str, Any]:
     """What tells one league from another: dataset_id, number of frames, and checksums of truth and images together."""
-    files = dataset.manifest["files"]
-    images = "\n".join(f"{name} {files[name]['sha256']}" for name in sorted(files) if name.startswith("images/"))
     return {
         "dataset_id": dataset.manifest["dataset_id"],
         "frames": len(dataset),
-        "truth_sha256": files["truth.parquet"]["sha256"],
-        "images_sha256": sha256(images.encode()),
+        "truth_sha256": dataset.truth_sha256,
+        "images_sha256": dataset.images.images_sha256,
     }

@@ -121,7 +121,7 @@ def published(folder: str | Path, dataset: Dataset) -> pa.Table:
     """
     import json
 
-    from roundel.datasets.layout.files import sha256
+    from roundel.datasets.store.writing import sha256
 
     folder = Path(folder)
     try:

@@ -64,8 +64,7 @@ def edges_of(dataset: Dataset, targets: Targets) -> list[Edge | None]:
             continue
         inside, outside, blur, softness = row.tolist()
         ink = softness / _ROOT_12 / (targets.diameter_m[i] / 2)
-        image = dataset.images.path / str(record.get("image", ""))
-        table = luma_table(image) if image.suffix == ".jpg" else None
+        table = luma_table(dataset.images.image_bytes(frame)) if dataset.images.is_jpeg(frame) else None
         variance = level_variance(sensor, (inside, outside), math.hypot(blur, ink * targets.ellipse[i, 2]), table)
         noise = np.sqrt(variance(np.array([inside, outside]))).tolist()
         given = EdgeConditions(saturation_e(sensor), variance, ink, visible[i])

@@ -8,7 +8,7 @@ block.
 
 from __future__ import annotations
 
-from pathlib import Path
+import io
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,11 @@ _DIRECTIONS, _PLACES, _NEAR_PX = 24, 12, 3.0
 _SEED = 8  # of the noise in the blocks: the same for every file
 
 
-def luma_table(path: Path) -> Array | None:
-    """Quantisation steps (8, 8) of the brightness of a JPEG file; None if it is not one."""
+def luma_table(data: bytes) -> Array | None:
+    """Quantisation steps (8, 8) of the brightness, from the bytes of a JPEG file; None if it is not one."""
     from PIL import Image
 
-    with Image.open(path) as image:
+    with Image.open(io.BytesIO(data)) as image:
         # Only a JPEG has tables; the first is that of the brightness, in the order of rows.
         tables: dict[int, list[int]] = getattr(image, "quantization", {})
     return np.array(tables[0], dtype=np.float64).reshape(_SIDE, _SIDE) if tables else None

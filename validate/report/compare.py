@@ -14,7 +14,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from roundel.datasets.layout.files import check_no_dataset, sha256, write_file
+from roundel.datasets.layout.files import check_no_dataset
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.figures.side_by_side import (
     ERRORS,

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from roundel.datasets.layout.files import write_file
+from roundel.datasets.store.writing import write_file
 from roundel.validate.tables.table import Cell, Table, clean, heads, shown_rows
 
 FOLDER = "tables"

@@ -3,11 +3,12 @@
 import multiprocessing
 from pathlib import Path
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from roundel.render.run import render_study
-from roundel.scenes.errors import DataError, UsageError
+from roundel.scenes.errors import UsageError
 from roundel.solver.ambiguity.normal_prior import NormalPrior
 from roundel.solver.estimates import ESTIMATES
 from roundel.solver.methods import solved_parts
@@ -100,17 +101,45 @@ def test_many_rows_are_several_row_groups(dataset, expected, tmp_path, monkeypat
     assert file.read().equals(pq.read_table(tmp_path / "whole.parquet"))
 
 
-def test_a_killed_worker_is_one_line_and_its_work_is_kept(dataset, expected, tmp_path):
+def test_a_killed_worker_is_replaced(dataset, expected, tmp_path):
     def kill(done: int, total: int) -> None:
-        for worker in multiprocessing.active_children() if done >= 4 else ():
-            worker.kill()
+        if done in (4, 40):
+            multiprocessing.active_children()[0].kill()
 
-    with pytest.raises(DataError, match=r"^a solving process died, .*run the command again to continue$"):
-        solve_dataset(dataset, tmp_path, jobs=2, progress=kill)
-    again = Stop(None)
-    solve_dataset(dataset, tmp_path, progress=again)
-    assert again.first >= 4
+    assert solve_dataset(dataset, tmp_path, jobs=2, progress=kill)["frames"] == 150
     assert (tmp_path / ESTIMATES).read_bytes() == expected
+
+
+DEADLY = """
+import dataclasses, os, signal
+from roundel.solver.ambiguity.normal_prior import NormalPrior
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Deadly(NormalPrior):
+    of: float = 0.0
+
+    def verdict(self, observation):
+        if observation.normal[0, 0] == self.of:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().verdict(observation)
+"""
+
+
+def test_a_frame_that_its_processes_die_of_is_set_aside(dataset, expected, tmp_path, monkeypatch):
+    # Knowledge that ends the process at one normal, as a frame might for which the memory does not suffice.
+    (tmp_path / "deadly.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(tmp_path)
+    import deadly
+
+    before = pq.read_table(pa.BufferReader(expected)).to_pylist()
+    (normal,) = [row["normal_x"] for row in before if row["frame_id"] == 7 and row["candidate"] == 0]
+    counts = solve_dataset(dataset, tmp_path / "out", jobs=2, knowledge=deadly.Deadly([0.0, 0.0, -1.0], of=normal))
+    assert counts["frames"] == 150
+    assert counts["failed_estimates"] == 1
+    after = pq.read_table(tmp_path / "out" / ESTIMATES).to_pylist()
+    assert [row["frame_id"] for row in after if row["candidate"] == 0] == list(range(150))
+    failed = [(row["frame_id"], row["reason"]) for row in after if row["status"] == "failed"]
+    assert failed == [(7, "its process was killed twice (SIGKILL), perhaps for lack of memory")]
 
 
 class Local(NormalPrior):

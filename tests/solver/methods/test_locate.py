@@ -12,6 +12,8 @@ from helpers_images import coverage_through_lens, picture
 from helpers_lenses import lens
 from PIL import Image
 
+from roundel.datasets.store.records import document_of
+from roundel.datasets.store.writing import sha256
 from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.geometry.conic import conic_of_circle, ellipse_of_conic, ellipse_points
@@ -196,8 +198,16 @@ def dataset(tmp_path):
         frames.append(record)
     rows = {"frame_id": [3] * 150, "marker_id": [0] * 150, "x_px": points[:, 0], "y_px": points[:, 1]}
     pq.write_table(pa.table(rows), path / "points.parquet")
-    (path / "cameras.json").write_text(json.dumps({"frames": frames}))
-    (path / "manifest.json").write_text("{}")
+    (path / "cameras.json").write_text(json.dumps({"schema": 1, "frames": frames}))
+    listed = {str(p.relative_to(path)): p.read_bytes() for p in path.rglob("*") if p.is_file()}
+    manifest = {
+        "schema": 2,
+        "dataset_id": "0" * 64,
+        "study": {},
+        "files": {name: {"sha256": sha256(data), "bytes": len(data)} for name, data in listed.items()},
+        "counts": {"frames": 4},
+    }
+    (path / "manifest.json").write_bytes(document_of(manifest))
     return path
 
 

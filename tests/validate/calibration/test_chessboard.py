@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from helpers_boards import board_image, board_views, true_corners
 
+from roundel.datasets.layout.contents import Contents
 from roundel.datasets.layout.images import Images
+from roundel.datasets.store.folder import Folder
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.scenes.geometry.pose import angle_deg, camera_from_marker_of, normal_of
@@ -33,7 +35,7 @@ class FakeImages(Images):
     """Images that are held in memory."""
 
     def __init__(self, records: list[dict[str, Any]], pixels: list[np.ndarray]) -> None:
-        super().__init__(Path("memory"), records)
+        super().__init__(Path("memory"), records, Contents(Folder(Path("memory")), "", True, "", (), (), {}))
         object.__setattr__(self, "pixels", pixels)
 
     def image(self, i: int) -> np.ndarray:

@@ -32,7 +32,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 def with_column(dataset: Dataset, name: str, values: Any) -> Dataset:
     at = dataset.truth.column_names.index(name)
-    return replace(dataset, truth=dataset.truth.set_column(at, name, values))
+    return replace(dataset, kept_truth=dataset.truth.set_column(at, name, values))
 
 
 def test_four_times_the_points_halve_every_bound(dataset: Dataset, tmp_path: Path) -> None:

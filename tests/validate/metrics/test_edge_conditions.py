@@ -47,7 +47,7 @@ def as_images(dataset: Dataset, electrons: bool = True, keys: dict[str, Any] | N
     for name, value in (told | columns).items():
         at = dataset.truth.column_names.index(name)
         column = pa.array([value] * n, dataset.truth.schema.field(name).type)
-        dataset = replace(dataset, truth=dataset.truth.set_column(at, name, column))
+        dataset = replace(dataset, kept_truth=dataset.truth.set_column(at, name, column))
     records = [{**r, "sensor": {**sheet.record(), "saturation_dn": 255}} for r in dataset.images.records]
     manifest = {**dataset.manifest, "study": {**dataset.study, "groups": {}}}
     return replace(dataset, manifest=manifest, images=replace(dataset.images, records=records))
@@ -88,7 +88,7 @@ def test_what_a_condition_costs(dataset: Dataset, edge, normal, position) -> Non
 def test_frames_without_electrons_or_with_a_processor_have_no_edge(dataset: Dataset) -> None:
     for made in (as_images(dataset, electrons=False), as_images(dataset, keys={"isp": "phone"})):
         assert edges_of(made, true_targets(made, 3.0)) == [None] * made.truth.num_rows
-    old = replace(dataset, truth=dataset.truth.drop_columns(["edge_inside_e"]))
+    old = replace(dataset, kept_truth=dataset.truth.drop_columns(["edge_inside_e"]))
     assert edges_of(old, true_targets(old, 3.0)) == [None] * old.truth.num_rows
 
 

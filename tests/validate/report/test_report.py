@@ -13,7 +13,7 @@ import pytest
 from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
-from roundel.datasets.layout.files import sha256
+from roundel.datasets.store.writing import sha256
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from roundel.datasets.layout.worker_pool import in_order
+from roundel.datasets.worker_pool import in_order
 from roundel.scenes.errors import DataError
 
 # Functions of the standard library, because a worker cannot import a test module.
@@ -28,14 +28,23 @@ def test_errors_of_the_work_and_of_the_start_arrive() -> None:
         list(in_order(1, math.factorial, [1], operator.truediv, (1, 0), "a worker died"))
 
 
-def test_a_dead_worker_is_one_sentence() -> None:
+def test_an_item_whose_workers_die_is_set_aside_and_the_others_are_done() -> None:
+    first, second = in_order(2, os._exit, [1, 2], *NOTHING)
+    assert [first.item, second.item] == [1, 2]
+    assert str(first) == "its process died twice (exit status 1)"
+    killed, done = in_order(1, signal.raise_signal, [signal.SIGKILL, signal.SIGCONT], *NOTHING)
+    assert str(killed) == "its process was killed twice (SIGKILL), perhaps for lack of memory"
+    assert done is None, "the run goes on after it"
+
+
+def test_workers_that_die_as_they_start_are_one_sentence() -> None:
     with pytest.raises(DataError, match=r"^a worker died$"):
-        list(in_order(2, os._exit, [1, 1], *NOTHING))
+        list(in_order(2, math.factorial, [1, 1], os._exit, (1,), "a worker died"))
 
 
 SCRIPT = """
 import multiprocessing, operator, signal, sys, time
-from roundel.datasets.layout.worker_pool import in_order
+from roundel.datasets.worker_pool import in_order
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for commands in the background

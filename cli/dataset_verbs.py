@@ -1,0 +1,110 @@
+"""The verbs that look after datasets: verify, repair, merge; and reading one that is not finished."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from roundel.cli.progress import progress
+from roundel.scenes.errors import DataError
+
+_SHOWN = 20
+
+
+def _warn(line: str) -> None:
+    print(f"roundel: warning: {line}", file=sys.stderr)
+
+
+def readable(address: str) -> Path:
+    """The folder of a dataset; of one that is not finished, the frames there are are indexed first, with a warning."""
+    from roundel.datasets.layout.files import MANIFEST, STUDY
+    from roundel.datasets.layout.manifest import read_manifest
+    from roundel.datasets.store.folder import Folder
+
+    folder = Folder(Path(address))
+    if folder.size(MANIFEST) is None and folder.size(STUDY) is not None:
+        from roundel.datasets.environment import environment_of
+        from roundel.datasets.index import index_frames
+
+        done, total = index_frames(address, environment_of({"variant": None}))
+        if done < total:
+            _warn(f"{address}: not finished: {done} of {total} frames are there, and are used")
+    elif folder.size(MANIFEST) is not None and not read_manifest(folder)[1].complete:
+        _warn(f"{address}: not finished: some frames are missing; those that are indexed are used")
+    return Path(address)
+
+
+def _folder(address: str) -> Path:
+    path = Path(address)
+    if not path.is_dir():
+        what = "it is a file, but a dataset is a folder" if path.exists() else "there is no such folder"
+        raise DataError(f"{path}: not a dataset: {what}")
+    return path
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Compare a dataset with its manifest."""
+    from roundel.datasets.fidelity.summary import fidelity_lines
+    from roundel.datasets.layout.contents import read_contents
+    from roundel.datasets.layout.manifest import read_manifest
+    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.verify import verify_dataset
+
+    path = _folder(arguments.dataset)
+    manifest, _ = read_manifest(Folder(path))
+    with progress("verify") as show:
+        findings = verify_dataset(path, arguments.full, show)
+    if findings:
+        for finding in findings[:_SHOWN]:
+            print(finding)
+        raise DataError(f"{path}: the dataset is damaged; problems found: {len(findings)}")
+    if not manifest.get("complete", True):
+        _warn(f"{path}: not finished: some frames are missing")
+    depth = "all checksums match" if arguments.full else "sizes match; --full compares checksums"
+    number = sum(1 for _ in read_contents(Folder(path)).listed())
+    print(f"{path}: {number} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
+    print("\n".join(fidelity_lines(manifest.get("fidelity"))))
+    return 0
+
+
+def repair(arguments: argparse.Namespace) -> int:
+    """Restore what `verify --full` finds."""
+    from roundel.datasets.repair import study_to_repair, take_away_damage
+    from roundel.datasets.store.folder import Folder
+    from roundel.render.run import render_study
+
+    folder = Folder(_folder(arguments.dataset))
+    study = study_to_repair(folder, arguments.study)
+    with progress("verify") as show:
+        found = take_away_damage(folder, study, show)
+    for note in found.notes:
+        _warn(note)
+    if found.developed and found.frames:
+        raise DataError(
+            f"{folder}: {len(found.frames)} frames are damaged and were taken out (the first is {found.frames[0]}); "
+            "run the `roundel develop` that made this dataset again to restore them"
+        )
+    with progress("render") as show:
+        dataset = render_study(
+            study, folder.path, backend="auto", mix_environments=arguments.mix_environments, progress=show
+        )
+    assert dataset is not None, "all frames were wanted"
+    counts = (len(found.frames), len(found.records), len(found.litter))
+    what = ("frames rendered anew", "shards written anew", "leftovers removed")
+    done = ", ".join(f"{number} {name}" for number, name in zip(counts, what, strict=True) if number)
+    print(f"{folder}: {done or 'nothing to repair'}; dataset_id {dataset.manifest['dataset_id'][:12]}")
+    return 0
+
+
+def merge(arguments: argparse.Namespace) -> int:
+    """Join datasets that hold parts of the same study."""
+    from roundel.datasets.merge import merge_datasets
+
+    with progress("merge") as show:
+        missing, total = merge_datasets(
+            [_folder(part) for part in arguments.parts], Path(arguments.out), arguments.mix_environments, show
+        )
+    state = "complete" if not missing else f"{missing} frames are still missing"
+    print(f"{arguments.out}: {total - missing} of {total} frames, {state}")
+    return 0

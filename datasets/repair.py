@@ -1,0 +1,170 @@
+"""Find the damage of a dataset and take it away, so that rendering again restores it: litter, altered files, records.
+
+What is right stays. A frame is right if its journal line is whole and its files have the recorded checksums; all other
+records follow from the study and these lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from roundel.datasets.finish import study_bytes
+from roundel.datasets.index import image_ids, progress_of
+from roundel.datasets.layout import files
+from roundel.datasets.layout.contents import read_contents
+from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.shards import Shard, shards_of
+from roundel.datasets.resume import held_study
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.log import FOLDER as LOG
+from roundel.datasets.store.writing import leftovers, write_file
+from roundel.scenes.errors import DataError, RoundelError
+from roundel.scenes.study.study import Study, load_study
+from roundel.scenes.world.frame import total_frames
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass
+class Damage:
+    """What was found and taken away: frames to render, shards whose records are written anew, files left over."""
+
+    frames: list[int] = field(default_factory=list)
+    records: list[str] = field(default_factory=list)
+    litter: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    developed: bool = False
+
+
+def study_to_repair(folder: Folder, source: str | Path | None) -> Study:
+    """The study of a damaged dataset: as given, from its own file, or from its manifest; its file is restored.
+
+    Raises
+    ------
+    DataError
+        If neither can be read.
+    UsageError
+        If the given study is another one.
+    """
+    study = load_study(source) if source is not None else _own_study(folder)
+    if folder.size(files.STUDY) is None or folder.read(files.STUDY) != study_bytes(study):
+        folder.write(files.STUDY, study_bytes(study))
+    return study
+
+
+def _own_study(folder: Folder) -> Study:
+    """The study of a dataset that agrees with its manifest."""
+    identity = None
+    try:
+        manifest, record = read_manifest(folder)
+        identity = record.dataset_id
+    except DataError:
+        manifest = None
+    try:
+        study = held_study(folder)
+        if identity is None or study.digest() == identity:
+            return study
+    except RoundelError:
+        pass
+    if manifest is None:
+        raise DataError(
+            f"{folder}: neither {files.STUDY} nor {files.MANIFEST} can be trusted; give the study with --study"
+        )
+    return _from_manifest(folder, manifest["study"], str(identity))
+
+
+def _from_manifest(folder: Folder, resolved: dict[str, object], identity: str) -> Study:
+    """The study as the manifest has it."""
+    import yaml
+
+    path = folder.path / ".study.restored.yaml"  # beside the files that it may name
+    try:
+        write_file(path, yaml.safe_dump(resolved, sort_keys=False, width=120).encode())
+        study = load_study(path)
+    except RoundelError as error:
+        raise DataError(
+            f"{folder}: the study in its manifest cannot be read ({error}); give it with --study"
+        ) from error
+    finally:
+        path.unlink(missing_ok=True)
+    if study.digest() != identity:
+        raise DataError(f"{folder}: the study in its manifest is another one; give the study with --study")
+    return study
+
+
+def take_away_damage(folder: Folder, study: Study, progress: Progress | None = None) -> Damage:
+    """Remove altered files, records and litter of a dataset at which nobody else works.
+
+    Parameters
+    ----------
+    folder : Folder
+    study : Study
+    progress : callable, optional
+        Called with (frames checked, total frames).
+
+    Raises
+    ------
+    DataError
+        If a file cannot be removed.
+    """
+    found = Damage()
+    try:
+        found.developed = read_manifest(folder)[1].developed_from is not None
+    except DataError as error:
+        found.notes.append(str(error))
+        folder.remove(files.MANIFEST)
+    total = total_frames(study)
+    for shard in shards_of(total):
+        _clean_shard(folder, shard, study, found)
+        if progress:
+            progress(shard.frames.stop, total)
+    _remove(folder, [p.name for p in leftovers(folder.path)], found)
+    return found
+
+
+def _clean_shard(folder: Folder, shard: Shard, study: Study, found: Damage) -> None:
+    here = folder.sub(shard.folder)
+    state = progress_of(folder, shard, study)
+    found.notes += state.notes
+    own = set(image_ids(study, shard))
+    for stray in set(state.entries) - own:
+        del state.entries[stray]
+    state.drop_damaged()
+    missing = sorted(own - set(state.entries))
+    found.frames += missing
+    listed = {name for entry in state.entries.values() for name in entry["files"]}
+    for sub in (files.IMAGES, files.RADIANCE):
+        extra = [f"{sub}/{name}" for name in here.names(sub) if f"{sub}/{name}" not in listed]
+        _remove(here, extra + [f"{sub}/{p.name}" for p in leftovers(here.path / sub)], found)
+    if missing or _altered(folder, shard):
+        # Written anew once its frames are there.
+        folder.remove(*(n for n in (files.MANIFEST, shard.name(files.SHARD)) if folder.size(n) is not None))
+        found.records.append(str(here))
+    else:
+        _remove(here, [f"{LOG}/{name}" for name in here.names(LOG)], found)
+        if (here.path / LOG).is_dir():
+            (here.path / LOG).rmdir()
+    _remove(here, [p.name for p in leftovers(here.path)], found)
+
+
+def _altered(folder: Folder, shard: Shard) -> bool:
+    """Whether the record of a shard is missing or damaged, or a table is not the one that it lists."""
+    try:
+        contents = read_contents(folder)
+        part = next((part for part in contents.parts if part.shard.folder == shard.folder), None)
+        if part is None:
+            return True
+        for name in contents.files_of(part):
+            if not name.startswith((f"{files.IMAGES}/", f"{files.RADIANCE}/")):
+                contents.read(part, name)
+    except DataError:
+        return True
+    return False
+
+
+def _remove(folder: Folder, names: list[str], found: Damage) -> None:
+    for name in names:
+        found.litter.append(folder.place(name))
+        (folder.path / name).unlink(missing_ok=True)

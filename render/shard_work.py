@@ -1,0 +1,123 @@
+"""What a process does in a shard: claim a frame, render it, write its files, record it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from roundel.datasets.environment import Environment
+from roundel.datasets.fidelity.measure import measure_circle
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.radiance import encode_radiance
+from roundel.datasets.layout.shards import Shard
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.work import Participant
+from roundel.render.backend import DEFAULT_BACKEND, start, variant_of
+from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
+from roundel.render.sensor.develop import develop
+from roundel.scenes.study.study import Study
+from roundel.scenes.world.frame import Frame, frame_of
+
+if TYPE_CHECKING:
+    from roundel.render.radiance import Radiance
+
+# Compressing a frame on one core takes about as long as tracing it: two at a time keep up.
+_FINISHERS = 2
+
+# A frame's journal line and its timings.
+Done = tuple[journal.Entry, dict[str, float]]
+
+
+def _traced(frame: Frame, backend: str) -> tuple[Radiance, float]:
+    """A frame's radiance and its timings in seconds."""
+    from roundel.render.radiance import render_radiance
+
+    began = time.perf_counter()
+    return render_radiance(start(variant_of(frame, backend)), frame), time.perf_counter() - began
+
+
+def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Path, backend: str) -> Done:
+    """Measure, develop and write a traced frame; needs no renderer."""
+    clock = [time.perf_counter()]
+    developed = develop(frame, radiance.mean)
+    planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
+    planes |= {coverage_channel(marker_id): plane for marker_id, plane in radiance.coverage.items()}
+    fidelity = {
+        str(part.marker_id): measure_circle(view, part.marker_id, radiance.mean, radiance.variance)
+        for view in frame.views()
+        for part in view.sheet.parts
+        if part.radius_m is not None
+    }
+    written = image_file(frame, developed)
+    if frame.settings.render.radiance:
+        noise = {"noise_dn": developed.noise_dn()}
+        written[files.radiance_name(frame.frame_id)] = encode_radiance(planes | noise)
+    clock.append(time.perf_counter())
+    listed = write_frame(folder, written)
+    clock.append(time.perf_counter())
+    encode, write = np.diff(clock)
+    seconds = {"render_s": render_s, "encode_s": float(encode), "write_s": float(write)}
+    return entry_of(frame, developed, planes, fidelity, listed, backend), seconds
+
+
+def render_frame(frame: Frame, folder: Path, backend: str = DEFAULT_BACKEND) -> Done:
+    """Render, measure, develop and write one frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    folder : path
+        That of its shard.
+    backend : str
+
+    Returns
+    -------
+    entry : dict
+        The frame's journal line, see `frame_files.entry_of`.
+    seconds : dict
+        Timings, for timings.jsonl.
+    """
+    return _finished(frame, *_traced(frame, backend), folder, backend)
+
+
+def render_frames(frames: Iterable[Frame], folder: Path, backend: str = DEFAULT_BACKEND) -> Iterator[Done]:
+    """Frames in order: while one is traced, earlier ones are measured, compressed and written."""
+    with ThreadPoolExecutor(_FINISHERS, "finish") as pool:
+        before: deque[Future[Done]] = deque()
+        for frame in frames:
+            traced = _traced(frame, backend)
+            if len(before) == _FINISHERS:
+                yield before.popleft().result()
+            before.append(pool.submit(_finished, frame, *traced, folder, backend))
+        while before:
+            yield before.popleft().result()
+
+
+class Renderer(Participant):
+    """A process that renders frames of a study into its dataset."""
+
+    def __init__(self, study: Study, folder: Folder, backend: str, environment: Environment, mix: bool) -> None:
+        super().__init__(study, folder, environment, mix)
+        self.backend = backend
+
+    def render(self, shard: Shard, frame_ids: Iterable[int]) -> Iterator[int]:
+        """Render those frames of a shard that nobody else does; yields each that is done and recorded."""
+        state = self.enter(shard)
+        claimed = (frame_of(self.study, i) for i in frame_ids if state.claim(i))
+        for entry, seconds in render_frames(claimed, state.here.path, self.backend):
+            state.record(entry, seconds)
+            yield entry["frame_id"]
+
+    def render_one(self, shard: Shard, frame_id: int) -> int | None:
+        """Render a frame of a shard, unless somebody else does: None."""
+        state = self.enter(shard)
+        if not state.claim(frame_id):
+            return None
+        state.record(*render_frame(frame_of(self.study, frame_id), state.here.path, self.backend))
+        return frame_id
