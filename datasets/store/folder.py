@@ -148,17 +148,18 @@ class Folder:
         DataError
             If one cannot be removed.
         """
-        folders: dict[Path, None] = {}
-        for name in names:
-            path = self._whole(name)
+        paths = [self._whole(name) for name in names]
+        for path in paths:
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
                 raise write_failure(path, error) from error
-            folders[path.parent] = None
-        for folder in folders:
-            if folder.is_dir():
-                sync_folder(folder)
+        for folder in dict.fromkeys(path.parent for path in paths):
+            try:
+                if folder.is_dir():
+                    sync_folder(folder)
+            except OSError as error:
+                raise write_failure(folder, error) from error
 
     def names(self, folder: str = "") -> list[str]:
         """Names of everything in a folder, sorted; those of temporary files are left out."""

@@ -18,6 +18,7 @@ from roundel.datasets.store.lock import try_lock
 from roundel.datasets.store.owner import is_gone, is_name, own_name
 from roundel.datasets.store.records import Record, line_of, record_of
 from roundel.datasets.store.writing import make_folder, sync_folder, write_failure
+from roundel.scenes.errors import DataError
 
 FOLDER = "log"
 LOG = "log"  # the key that tells a header: the version of the log's format
@@ -52,8 +53,15 @@ class OwnLog:
             raise write_failure(self.path, error) from error
         try_lock(self._file, exclusive=True, wait=True)
         self._size = 0
-        self.append({LOG: 1, **header})
-        sync_folder(self.path.parent)
+        try:
+            self.append({LOG: 1, **header})
+            sync_folder(self.path.parent)
+        except OSError as error:
+            self._drop()
+            raise write_failure(self.path, error) from error
+        except DataError:
+            self._drop()
+            raise
 
     def append(self, *records: Record, durable: bool = True) -> None:
         """Append records; if `durable`, they are on disk when this returns.
@@ -78,6 +86,11 @@ class OwnLog:
                 pass  # the torn record is told by its checksum
             raise write_failure(self.path, error) from error
         self._size += len(data)
+
+    def _drop(self) -> None:
+        """Give a log up that says nothing yet."""
+        self.close()
+        self.path.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Give the lock back. The file stays: what it says is still needed."""
