@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.layout import files
+from roundel.datasets.layout.camera_records import CameraRecords
 from roundel.datasets.layout.contents import Contents, Part, joined_digest
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.manifest import read_manifest
@@ -42,6 +43,13 @@ class Dataset:
     def contents(self) -> Contents:
         """Its shards, and the checksums of their files."""
         return self.images.contents
+
+    def of_part(self, number: int) -> Dataset:
+        """One of its shards, as a dataset of these frames alone."""
+        if len(self.contents.parts) == 1:
+            return self
+        contents = replace(self.contents, parts=(self.contents.parts[number],))
+        return Dataset(self.path, Images(self.path, CameraRecords(contents), contents), self.manifest)
 
     @cached_property
     def truth(self) -> pa.Table:

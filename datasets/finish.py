@@ -277,6 +277,7 @@ def write_manifest(
         "dataset_id": study.digest(),
         "sampling_version": SAMPLING_VERSION,
         "seed": study.seed,
+        "groups": list(study.groups),
         **main,
         "counts": {
             **{name: sum(c[name] for c in counts) for name in ("frames", "images", "markers")},

@@ -148,19 +148,26 @@ def work_through(work: Work, make: MakeFrames) -> bool:
     """
     shards = shards_within(total_frames(work.study), work.wanted)
     ids = {shard: [i for i in image_ids(work.study, shard) if i in work.wanted] for shard in shards}
-    work.total = sum(map(len, ids.values()))
+    counts = {shard: len(range(*_overlap(shard.frames, work.wanted))) for shard in shards}
+    work.total = sum(counts.values())
     work.say()
     for shard in shards:
         if _is_finished(work, shard):
-            work.say(len(ids[shard]))
+            work.say(counts[shard])
             continue
         state = _opened(work, shard)
         _make_all(work, state, ids[shard], make)
         if not set(image_ids(work.study, shard)) - set(state.entries):
             _finish_shard(work, shard)
+        # Frames in points mode are made with the tables.
+        work.say(counts[shard] - len(ids[shard]))
     if work.lost:
         return False
     return _finish_dataset(work)
+
+
+def _overlap(a: range, b: range) -> tuple[int, int]:
+    return max(a.start, b.start), min(a.stop, b.stop)
 
 
 def finish_what_is_complete(work: Work) -> bool:

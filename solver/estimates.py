@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.datasets.store.writing import write_file
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import Ellipse
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ESTIMATES = "estimates.parquet"
+CHECKSUM = ".sha256"  # ending of the file beside it with its checksum, as `sha256sum` writes it
 METADATA = b"roundel_estimates"  # the file's metadata: {schema, dataset_id, images_sha256}
 NOT_FOUND = -1  # the detection_id of a frame in which nothing was found
 
@@ -247,7 +248,7 @@ def estimates_table(estimates: Iterable[Estimate], dataset_id: str | None = None
 
 
 def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id: str | None = None) -> None:
-    """Write estimates as Parquet, atomically.
+    """Write estimates as Parquet, atomically; those of a dataset with their checksum beside them.
 
     Parameters
     ----------
@@ -265,4 +266,7 @@ def write_estimates(estimates: Iterable[Estimate], path: str | Path, dataset_id:
 
     buffer = io.BytesIO()
     pq.write_table(estimates_table(estimates, dataset_id), buffer)
-    write_file(path, buffer.getvalue())
+    data, path = buffer.getvalue(), Path(path)
+    write_file(path, data)
+    if dataset_id is not None:
+        write_file(path.with_name(path.name + CHECKSUM), f"{sha256(data)}  {path.name}\n".encode())

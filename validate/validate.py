@@ -7,7 +7,6 @@ The same dataset and estimates give the same bytes at any time and place, becaus
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,12 +17,13 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import check_no_dataset
-from roundel.datasets.store.writing import sha256, write_file
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.records import document_of
+from roundel.datasets.store.writing import clear_leftovers, sha256, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.solver.caveats import count_caveats
+from roundel.validate.by_shard import score_by_shard
 from roundel.validate.calibration.camera_errors import calibration_summary
-from roundel.validate.calibration.chessboard_reference import Reference, reference_of
 from roundel.validate.calibration.opencv import (
     BoardView,
     calibrate_views,
@@ -32,12 +32,11 @@ from roundel.validate.calibration.opencv import (
     read_camera,
 )
 from roundel.validate.calibration.study_calibrations import Calibrations, several_calibrations
-from roundel.validate.claims.calibration_benefit import CalibrationBenefit, calibration_benefit, off_axis_deg
+from roundel.validate.claims.calibration_benefit import CalibrationBenefit, calibration_benefit
 from roundel.validate.claims.calibration_benefit_text import benefit_record
 from roundel.validate.claims.robustness import sweep_summary, sweeps_of
 from roundel.validate.claims.verdicts import Verdict, verdict_record, verdicts_of
 from roundel.validate.estimates.reader import find_estimates
-from roundel.validate.estimates.runs import Run, read_runs
 from roundel.validate.figures.calibration import calibration_pictures
 from roundel.validate.figures.calibration_benefit import benefit_picture
 from roundel.validate.figures.error_curves import pictures
@@ -47,16 +46,16 @@ from roundel.validate.figures.robustness import sweep_pictures
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
-from roundel.validate.metrics.ground_truth import Targets, true_targets
 from roundel.validate.report.report import Pictures, render_report
 from roundel.validate.report.summary_text import main_run
-from roundel.validate.scores.scores import Scores, score, sorted_scores
+from roundel.validate.scores.report_files import SCORES, SUMMARY
+from roundel.validate.scores.scores import Scores
 from roundel.validate.scores.summary import Summary, summarise, summary_record
 from roundel.validate.tables.report import NAMES, report_tables
 from roundel.validate.tables.table import Table
 from roundel.validate.tables.writers import write_tables
 
-SCORES, SUMMARY, REPORT = "scores.parquet", "summary.json", "report.html"
+REPORT = "report.html"
 
 
 @one_blas_thread()
@@ -82,7 +81,7 @@ def validate_dataset(
     camera_path : path, optional
         A camera file for the chessboard's pose; default: each frame's true camera.
     progress : callable, optional
-        Called with (chessboards searched, total chessboards).
+        Called with (chessboards searched, total chessboards), then of several shards with (frames done, total frames).
 
     Returns
     -------
@@ -102,16 +101,14 @@ def validate_dataset(
     _check_arguments(out, extent_D)
     dataset = open_dataset(dataset_path)
     files = [find_estimates(path) for path in estimates_paths]
-    runs = read_runs(files, dataset)
-    targets = true_targets(dataset, extent_D)
+    # Read even if no board needs it, because a missing file is always an error.
+    reference_camera = None if camera_path is None else read_camera(camera_path)
     views = look_for_boards(dataset.images, progress=progress)
     camera = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
-    reference = _reference(dataset, views, targets, camera_path, camera)
-    scores = _scored(dataset, targets, runs, reference)
+    found = score_by_shard(dataset, files, extent_D, views, reference_camera, camera, progress)
+    scores = found.scores
     calibrations = _calibrations(dataset, views)
-    benefit = calibration_benefit(
-        scores.table, off_axis_deg(targets.truth), reference.circle_rows if reference else None
-    )
+    benefit = calibration_benefit(scores.table, found.off_axis_deg, found.board_rows)
     verdicts = verdicts_of(scores.table, dataset.study)
     settings = {
         "reprojection_extent_D": float(extent_D),
@@ -120,24 +117,28 @@ def validate_dataset(
     }
     written = _parquet(scores.table)
     summary = replace(
-        summarise(dataset, scores, settings, calibrations.whole),
-        filled_in={f"{run.method}, {run.intrinsics}": list(run.filled) for run in runs if run.filled},
+        summarise(dataset, scores, settings, found.circles, calibrations.whole),
+        filled_in=found.filled_in,
         calibrations=calibrations.several.records if calibrations.several else [],
         calibration_subsets=calibrations.several.subsets if calibrations.several else [],
         worth=benefit_record(benefit) if benefit else None,
         sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
         verdicts=[verdict_record(verdict) for verdict in verdicts],
         checksums=_checksums(dataset, files, written),
-        caveats=[record for run in runs for record in _caveats(run)],
+        caveats=found.caveats,
     )
     pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
     compared = _compared(scores, summary)
     html = render_report(summary, pictures, worst(dataset, scores), compared)
+    # Without its summary a folder is no report: it comes last, and that of an earlier report goes first.
+    Folder(out).make()
+    clear_leftovers(out)
+    Folder(out).remove(SUMMARY)
     write_file(out / SCORES, written)
-    write_file(out / SUMMARY, (json.dumps(summary_record(summary), indent=1, allow_nan=False) + "\n").encode())
     write_file(out / REPORT, html.encode())
     write_figures(out, pictures.all())
     write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
+    write_file(out / SUMMARY, document_of(summary_record(summary)))
     return summary
 
 
@@ -149,40 +150,12 @@ class _Calibrations:
     several: Calibrations | None
 
 
-def _caveats(run: Run) -> list[dict[str, Any]]:
-    """The detections of a run by kind of caveat; both candidates of a detection have the same."""
-    first = [texts for texts, candidate in zip(run.caveats, run.candidate.tolist(), strict=False) if candidate == 0]
-    counts = count_caveats(first).items()
-    label = {"method": run.method, "intrinsics": run.intrinsics}
-    return [{**label, "caveat": heading, "count": count, "of": len(first)} for heading, count in counts]
-
-
 def _check_arguments(out: Path, extent_D: float) -> None:
     if not 0 < extent_D < float("inf"):
         raise UsageError(f"the extent of the reprojection grid must be a positive number of diameters, not {extent_D}")
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out}: is a file; give a folder for the report")
     check_no_dataset(out)
-
-
-def _reference(
-    dataset: Dataset, views: list[BoardView], targets: Targets, camera_path: str | Path | None, label: str
-) -> Reference | None:
-    """The poses of the chessboards as a second reference; None without boards."""
-    # Read even if no board needs it, because a missing file is always an error.
-    camera = None if camera_path is None else read_camera(camera_path)
-    if not views:
-        return None
-    return reference_of(dataset, views, targets, camera, label)
-
-
-def _scored(dataset: Dataset, targets: Targets, runs: list[Run], reference: Reference | None) -> Scores:
-    """Scores against the truth and against the chessboards, and scores of the chessboards' own poses."""
-    scores = score(dataset, targets, runs, reference.circles if reference else None)
-    if reference is None or not reference.rows.num_rows:
-        return scores
-    table = sorted_scores(pa.concat_tables([scores.table, reference.rows]))
-    return Scores(table, scores.false_detections, scores.matched)
 
 
 def _calibrations(dataset: Dataset, views: list[BoardView]) -> _Calibrations:

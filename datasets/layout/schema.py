@@ -211,6 +211,7 @@ class ManifestRecord(BaseModel):
     dataset_id: Digest
     sampling_version: Count | None = None
     seed: int = 0
+    groups: list[str] | None = None
     versions: dict[str, str] = {}
     environment: dict[str, Any] = {}
     environments: dict[str, dict[str, Any]] | None = None

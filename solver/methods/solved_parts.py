@@ -20,14 +20,14 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from roundel.datasets.store.writing import new_file, temporary_name, write_failure
+from roundel.datasets.store.writing import new_file, temporary_name, write_failure, write_file
 from roundel.scenes.errors import DataError
-from roundel.solver.estimates import ESTIMATES, Estimate, estimates_schema, estimates_table
+from roundel.solver.estimates import CHECKSUM, ESTIMATES, Estimate, estimates_schema, estimates_table
 
 PARTS = ".estimates.parts"
 TIMINGS = "timings.jsonl"
 _ABOUT = b"roundel_part"
-_ROWS = 65_536  # of a row group
+_ROWS = 8_192  # of a row group: few more than the frames of a shard have, which are read together
 
 
 @dataclass
@@ -152,6 +152,8 @@ def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None, images_
             writer.write_table(joined.replace_schema_metadata(schema.metadata))
             waiting.clear()
 
+    checksum = out / f"{ESTIMATES}{CHECKSUM}"
+    checksum.unlink(missing_ok=True)
     with (
         new_file(out / TIMINGS) as timings,
         new_file(out / ESTIMATES) as estimates,
@@ -165,5 +167,13 @@ def join_parts(parts: Sequence[Path], out: Path, dataset_id: str | None, images_
             if sum(t.num_rows for t in waiting) >= _ROWS:
                 flush(writer)
         flush(writer)
+    if dataset_id is not None:
+        write_file(checksum, checksum_line(out / ESTIMATES))
     shutil.rmtree(out / PARTS, ignore_errors=True)
     return whole
+
+
+def checksum_line(file: Path) -> bytes:
+    """The file's checksum as `sha256sum` writes it."""
+    with file.open("rb") as opened:
+        return f"{hashlib.file_digest(opened, 'sha256').hexdigest()}  {file.name}\n".encode()

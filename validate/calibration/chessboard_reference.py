@@ -25,7 +25,8 @@ from roundel.validate.metrics.ground_truth import (
     poses_of,
     rows_of_kind,
 )
-from roundel.validate.scores.scores import Candidates, score_rows
+from roundel.validate.scores.candidates import Candidates
+from roundel.validate.scores.scores import score_rows
 from roundel.validate.scores.summary import CHESSBOARD
 
 Array = NDArray[np.float64]

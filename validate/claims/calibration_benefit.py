@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.conditions import ON_AXIS_DEG
-from roundel.validate.metrics.metric import HEADLINE, column
+from roundel.validate.metrics.metric import HEADLINE, column, text_column
 from roundel.validate.scores.summary import CHESSBOARD, levels
 from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
 
@@ -114,10 +115,10 @@ def calibration_benefit(
     CalibrationBenefit or None
         None if no method has both calibrated and uncalibrated intrinsics.
     """
-    truth = table.filter(pa.array([r == "truth" for r in table["reference"].to_pylist()]))
-    for method in sorted(set(truth["method"].to_pylist()) - {CHESSBOARD}):
-        part = truth.filter(pa.array([m == method for m in truth["method"].to_pylist()]))
-        labels = sorted(set(part["intrinsics"].to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
+    truth = table.filter(pc.equal(table["reference"], "truth"))
+    for method in sorted(set(truth["method"].unique().to_pylist()) - {CHESSBOARD}):
+        part = truth.filter(pc.equal(truth["method"], method))
+        labels = sorted(set(part["intrinsics"].unique().to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
         pair = _pair(labels)
         if pair is not None:
             return _worth(method, *pair, labels, part, offset_deg, board)
@@ -148,7 +149,7 @@ def _worth(
     def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
         return list(zip(rows["frame_id"].to_pylist(), rows["marker_id"].to_pylist(), strict=True))
 
-    intrinsics = np.array(part["intrinsics"].to_pylist(), dtype=object)
+    intrinsics = text_column(part, "intrinsics")
     runs = {label: part.filter(pa.array(intrinsics == label)) for label in labels}
     first = runs[calibrated]
     keys = keys_of(first)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics import metric
-from roundel.validate.metrics.metric import column
+from roundel.validate.metrics.metric import column, text_column
 from roundel.validate.scores.summary import CHESSBOARD, levels
 from roundel.validate.statistics.trends import Array, Index, Mask
 
@@ -115,7 +115,7 @@ def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
     method = _method(table, study)
     if method is None:
         return []
-    texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
+    texts = {n: text_column(table, n) for n in ("method", "reference", "group", "intrinsics")}
     mine = (texts["method"] == method) & (texts["reference"] == "truth")
     found: list[Condition] = []
     for group in dict.fromkeys(texts["group"][mine].tolist()):
@@ -129,7 +129,7 @@ def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
 
 
 def _method(table: pa.Table, study: dict[str, Any]) -> str | None:
-    present: list[str] = sorted(set(table["method"].to_pylist()) - {CHESSBOARD})
+    present: list[str] = sorted(set(table["method"].unique().to_pylist()) - {CHESSBOARD})
     asked = [str(m) for m in (study.get("solve") or {}).get("methods") or [] if m in present]
     return next(iter([*asked, *present]), None)
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.metrics.metric import NORMAL, column
+from roundel.validate.metrics.metric import NORMAL, column, text_column
 from roundel.validate.scores.summary import CHESSBOARD, run_keys, select
 from roundel.validate.statistics.intervals import wilson_interval
 
@@ -120,7 +120,7 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
     if "sweep_level" not in table.column_names:
         return []
     found = []
-    group = np.array(table["group"].to_pylist(), dtype=object)
+    group = text_column(table, "group")
     keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != CHESSBOARD]
     keys.sort(key=lambda key: (key[0], not IntrinsicsLabel.of(key[1]).is_right))
     for name, section in (study.get("groups") or {}).items():

@@ -7,16 +7,20 @@ docs/your-own-method.md.
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
+from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
-from roundel.solver.estimates import ESTIMATES, METADATA, estimates_schema
+from roundel.solver.estimates import CHECKSUM, ESTIMATES, METADATA, estimates_schema
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
 
 _MAGIC = b"PAR1"
@@ -42,7 +46,7 @@ def find_estimates(path: str | Path) -> Path:
     )
 
 
-def read_estimates(path: str | Path) -> pa.Table:
+def read_estimates(path: str | Path, frames: range | None = None) -> pa.Table:
     """Estimates of one file, with the columns and types of `estimates_schema`.
 
     Optional columns that need no dataset get their defaults: method (the file's name), intrinsics, detection_id,
@@ -52,6 +56,8 @@ def read_estimates(path: str | Path) -> pa.Table:
     ----------
     path : path
         A Parquet file, a file that ends in .csv, or a folder (see `find_estimates`).
+    frames : range, optional
+        Only rows of these frames; of a large Parquet file only their row groups are read.
 
     Returns
     -------
@@ -68,18 +74,7 @@ def read_estimates(path: str | Path) -> pa.Table:
         If it is a damaged Parquet file.
     """
     file = find_estimates(path)
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{file}: cannot be read: {error.strerror}") from error
-    if not data.strip():
-        raise NotComparableError(f"{file}: the file is empty, so there is nothing to score")
-    if data.startswith(_MAGIC):
-        table = _read_parquet(file, data)
-    elif file.suffix.lower() == ".csv":
-        table = _read_csv(file, data)
-    else:
-        raise UsageError(f"{file}: not a Parquet file; give Parquet, or CSV in a file whose name ends in .csv")
+    table = _rows_of(file, frames)
     check_columns(file, table.column_names)
     columns = []
     for field in _SCHEMA:
@@ -92,6 +87,126 @@ def read_estimates(path: str | Path) -> pa.Table:
             raise UsageError(f"{file}: column {field.name} is not {field.type}: {first_line(error)}") from error
     whole = pa.table(dict(zip(_SCHEMA.names, columns, strict=True)))
     return _filled(whole, set(table.column_names), file.stem).replace_schema_metadata(table.schema.metadata)
+
+
+def frame_ids_of(path: str | Path) -> NDArray[np.int64]:
+    """The frames that a file of estimates has, each once, in order.
+
+    Raises
+    ------
+    UsageError, NotComparableError, DataError
+        As `read_estimates`.
+    """
+    file = find_estimates(path)
+    if _is_parquet(file):
+        opened = _opened(file)
+        check_columns(file, opened.schema_arrow.names)
+        try:
+            column = opened.read(columns=["frame_id"], use_threads=False)["frame_id"].cast(pa.int64())
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise DataError(
+                f"{file}: damaged or truncated Parquet file: {first_line(error)}; write it again"
+            ) from error
+    else:
+        column = read_estimates(path)["frame_id"]
+    return np.unique(column.drop_null().to_numpy())
+
+
+def _rows_of(file: Path, frames: range | None) -> pa.Table:
+    """The rows of some frames, or all, as they are in the file."""
+    if not _is_parquet(file):
+        table = _read_csv(file, _bytes_of(file))
+        if frames is None or "frame_id" not in table.column_names:
+            return table
+        return table.filter(_within(table, frames))
+    opened = _opened(file)
+    try:
+        groups = _groups_with(opened, frames)
+        table = opened.read_row_groups(groups, use_threads=False) if groups else opened.schema_arrow.empty_table()
+        table.validate(full=True)
+        if frames is not None and "frame_id" in table.column_names:
+            table = table.filter(_within(table, frames))
+        return table.replace_schema_metadata(opened.schema_arrow.metadata)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _damaged(file, error) from error
+
+
+def _damaged(file: Path, error: Exception) -> DataError:
+    return DataError(f"{file}: damaged or truncated Parquet file: {first_line(error)}; write it again")
+
+
+def _within(table: pa.Table, frames: range) -> pa.ChunkedArray:
+    ids = table["frame_id"]
+    return pc.and_(pc.greater_equal(ids, frames.start), pc.less(ids, frames.stop))
+
+
+def _groups_with(opened: pq.ParquetFile, frames: range | None) -> list[int]:
+    """Row groups that may have rows of some frames, by the statistics of the file."""
+    every = list(range(opened.num_row_groups))
+    if frames is None or "frame_id" not in opened.schema_arrow.names:
+        return every
+    at = opened.schema_arrow.names.index("frame_id")
+    kept = []
+    for group in every:
+        known = opened.metadata.row_group(group).column(at).statistics
+        if known is None or not known.has_min_max or (known.min < frames.stop and known.max >= frames.start):
+            kept.append(group)
+    return kept
+
+
+def _bytes_of(file: Path) -> bytes:
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be read: {error.strerror}") from error
+    if not data.strip():
+        raise NotComparableError(f"{file}: the file is empty, so there is nothing to score")
+    if file.suffix.lower() != ".csv":
+        raise UsageError(f"{file}: not a Parquet file; give Parquet, or CSV in a file whose name ends in .csv")
+    return data
+
+
+def _is_parquet(file: Path) -> bool:
+    """Whether a file, held against its checksum, is Parquet."""
+    try:
+        about = file.stat()
+        _check_checksum(file, (about.st_ino, about.st_size, about.st_mtime_ns))
+        with file.open("rb") as opened:
+            return opened.read(len(_MAGIC)) == _MAGIC
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be read: {error.strerror}") from error
+
+
+def _opened(file: Path) -> pq.ParquetFile:
+    """A Parquet file, to read parts of."""
+    try:
+        # By its bytes, not its path, which is searched for partitions (`run=3/estimates.parquet` gets a column).
+        return pq.ParquetFile(pa.OSFile(str(file)))
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _damaged(file, error) from error
+
+
+@lru_cache(maxsize=64)
+def _check_checksum(file: Path, version: tuple[int, int, int]) -> None:
+    """Refuse a file that is not the one that its checksum was written for; without a checksum nothing is known.
+
+    `version` tells the file from a later one of the same name: it is read once for all its shards.
+    """
+    del version
+    beside = file.with_name(file.name + CHECKSUM)
+    try:
+        known = beside.read_text(encoding="ascii").split()[0]
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, IndexError) as error:
+        raise DataError(f"{beside}: not a checksum; solve again, or delete it") from error
+    with file.open("rb") as opened:
+        digest = hashlib.file_digest(opened, "sha256").hexdigest()
+    if known != digest:
+        raise DataError(
+            f"{file}: altered: its sha256 is not that in {beside.name}; solve again, or delete {beside.name} if the "
+            "change was intended"
+        )
 
 
 def dataset_of(table: pa.Table) -> str | None:
@@ -108,16 +223,6 @@ def images_of(table: pa.Table) -> str | None:
         return str(json.loads((table.schema.metadata or {})[METADATA])["images_sha256"])
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _read_parquet(file: Path, data: bytes) -> pa.Table:
-    try:
-        # Read from memory, because a path is searched for partitions (`run=3/estimates.parquet` gets a column).
-        table = pq.ParquetFile(pa.BufferReader(data)).read()
-        table.validate(full=True)
-        return table
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(f"{file}: damaged or truncated Parquet file: {first_line(error)}; write it again") from error
 
 
 def _read_csv(file: Path, data: bytes) -> pa.Table:

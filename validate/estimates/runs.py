@@ -15,7 +15,7 @@ from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.model import Camera, lens_problem
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
-from roundel.validate.estimates.reader import dataset_of, images_of, read_estimates
+from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL
 
 Array = NDArray[np.float64]
@@ -58,8 +58,15 @@ class Run:
     focal_sigma_px: Array = field(default_factory=lambda: np.empty(0))
 
 
-def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
+def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None) -> list[Run]:
     """Estimates of all files, checked against the dataset, as one `Run` per method and intrinsics, sorted.
+
+    Parameters
+    ----------
+    paths : list of path
+    dataset : Dataset
+    whole : Dataset, optional
+        The dataset of which `dataset` is a shard: only the rows of its frames are read.
 
     Raises
     ------
@@ -72,10 +79,15 @@ def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
     """
     if not paths:
         raise NotComparableError("no estimates given; give one or more files written by `roundel solve`")
-    tables = [_read(path, dataset) for path in paths]
+    parted = whole is not None and len(whole.contents.parts) > 1
+    ids = dataset.images.frame_ids
+    wanted = range(ids[0], ids[-1] + 1) if parted and ids else None
+    tables = [_read(path, dataset, wanted) for path in paths]
     _check_apart(tables, paths)
     table = pa.concat_tables([t.replace_schema_metadata(None) for t in tables])
     if table.num_rows == 0:
+        if parted:
+            return []
         raise NotComparableError(f"{', '.join(map(str, paths))}: no rows, so there is nothing to score")
     table = _sorted(table)
     _check_keys(table, " and ".join(map(str, paths)))
@@ -86,9 +98,37 @@ def read_runs(paths: list[Path], dataset: Dataset) -> list[Run]:
     return [_run(table.slice(a, b - a), dataset, frame_size) for a, b in bounds]
 
 
-def _read(path: Path, dataset: Dataset) -> pa.Table:
-    """One file, checked for consistency and against the dataset."""
-    table = read_estimates(path)
+def touched_groups(paths: list[Path], dataset: Dataset) -> frozenset[str]:
+    """Groups of which the files have frames.
+
+    Raises
+    ------
+    NotComparableError
+        If they have frames that the dataset does not have, or no rows at all.
+    """
+    images = dataset.images
+    ids, groups = np.array(images.frame_ids), np.array(images.groups, dtype=object)
+    touched: set[str] = set()
+    rows = 0
+    for path in paths:
+        found = frame_ids_of(path)
+        rows += len(found)
+        unknown = np.setdiff1d(found, ids)
+        if len(unknown):
+            more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
+            raise NotComparableError(
+                f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.path} does not have; "
+                "give the dataset that they were made from"
+            )
+        touched |= set(groups[np.isin(ids, found)].tolist())
+    if not rows:
+        raise NotComparableError(f"{', '.join(map(str, paths))}: no rows, so there is nothing to score")
+    return frozenset(touched)
+
+
+def _read(path: Path, dataset: Dataset, frames: range | None) -> pa.Table:
+    """One file, or its rows of some frames, checked for consistency and against the dataset."""
+    table = read_estimates(path, frames)
     made_of, here = dataset_of(table), str(dataset.manifest["dataset_id"])
     if made_of is not None and made_of != here:
         raise NotComparableError(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
-from roundel.validate.metrics.metric import PAPER, Metric, column
+from roundel.validate.metrics.metric import PAPER, Metric, column, text_column
 from roundel.validate.scores.summary import CHESSBOARD, grid_of
 from roundel.validate.tables.table import clean
 
@@ -38,7 +38,7 @@ _MAX_DOTS = 500
 def pictures(table: pa.Table, first: str = "") -> list[Picture]:
     """The paper's figure for each method (`first` before the others), reference and group of a table of scores."""
     found = []
-    texts = {n: np.array(table[n].to_pylist(), dtype=object) for n in ("method", "reference", "group", "intrinsics")}
+    texts = {n: text_column(table, n) for n in ("method", "reference", "group", "intrinsics")}
     keys = dict.fromkeys(zip(texts["method"], texts["reference"], texts["group"], strict=True))
     several = len({key[2] for key in keys}) > 1
     for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
@@ -55,7 +55,9 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
                 f"{about}: mean error of the better candidate over distance, one panel per tilt, one curve per kind of "
                 "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."
             )
-            if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(set(part["intrinsics"].to_pylist())):
+            if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(
+                set(part["intrinsics"].unique().to_pylist())
+            ):
                 caption += " Bands: 95 % interval of the mean."
             found.append(Picture(name, caption, _drawn(name, about, part, grid), folded))
         else:
@@ -73,7 +75,7 @@ def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | N
     panels = 1 if grid is None else len(grid[1])
     # With one panel per row the figure would be tall and narrow, so the three errors are placed side by side.
     shape = (1, len(PAPER)) if panels == 1 else (len(PAPER), panels)
-    labels = sorted(set(table["intrinsics"].to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
+    labels = sorted(set(table["intrinsics"].unique().to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
@@ -115,7 +117,7 @@ def _positive(values: Any) -> Array:
 
 
 def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distances: Array, tilt: float) -> None:
-    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    intrinsics = text_column(table, "intrinsics")
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
     values = row.values(table)
     # The true focal length is drawn last, on top of the others.
@@ -132,7 +134,7 @@ def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distanc
 
 
 def _scatter(axes: Axes, table: pa.Table, row: Metric, labels: list[str]) -> None:
-    intrinsics = np.array(table["intrinsics"].to_pylist(), dtype=object)
+    intrinsics = text_column(table, "intrinsics")
     distance, values = column(table, "distance_D"), row.values(table)
     for i, label in enumerate(labels):
         rows = (intrinsics == label) & np.isfinite(values) & np.isfinite(distance)

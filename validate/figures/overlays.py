@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
@@ -17,7 +18,7 @@ from roundel.scenes.errors import DataError
 from roundel.solver.detect.chessboard_corners import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
 from roundel.validate.scores.scores import Scores
-from roundel.validate.scores.summary import number
+from roundel.validate.scores.summary import CHESSBOARD, number
 from roundel.validate.tables.table import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
@@ -43,33 +44,35 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
     """
     found: list[Overlay] = []
     table = scores.table
-    methods = sorted({method for method, _ in scores.matched})
+    truth = table.filter(pc.equal(table["reference"], "truth")).group_by(["method", "intrinsics"]).aggregate([])
+    known = list(zip(truth["method"].to_pylist(), truth["intrinsics"].to_pylist(), strict=True))
+    methods = sorted({method for method, _ in known} - {CHESSBOARD})
     # Many methods share the space of the page.
     errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
     for method in methods[: _MAX_OVERLAYS // 2]:
-        labels = (label for m, label in scores.matched if m == method)
+        labels = (label for m, label in known if m == method)
         label = min(labels, key=lambda x: (not IntrinsicsLabel.of(x).is_right, IntrinsicsLabel.of(x).rank))
         rows = _rows(table, method, label)
-        ranked = sorted(
-            (r for r in rows if r["oracle_normal_error_deg"] is not None),
-            key=lambda r: (-r["oracle_normal_error_deg"], r["frame_id"], r["marker_id"]),
-        )
-        lost = [r for r in rows if not r["solved"]]
+        order = [("oracle_normal_error_deg", "descending"), ("frame_id", "ascending"), ("marker_id", "ascending")]
+        posed = rows.filter(rows["oracle_normal_error_deg"].is_valid())
+        ranked = posed.take(pc.sort_indices(posed, sort_keys=order)[:errors]).to_pylist()
+        lost = rows.filter(pc.invert(rows["solved"]))
         # Failures from the whole run are more informative than the first few.
-        spread = lost[:: max(1, len(lost) // failures)][:failures]
-        found.extend(_overlay(dataset, scores, row) for row in (*ranked[:errors], *spread))
+        step = max(1, lost.num_rows // failures)
+        spread = lost.take(pa.array(range(0, lost.num_rows, step)[:failures], pa.int64())).to_pylist()
+        found.extend(_overlay(dataset, scores, row) for row in (*ranked, *spread))
     return found
 
 
-def _rows(table: pa.Table, method: str, intrinsics: str) -> list[dict[str, Any]]:
-    names = ["method", "intrinsics", "reference"]
-    keys = zip(*(table[name].to_pylist() for name in names), strict=True)
-    mask = [key == (method, intrinsics, "truth") for key in keys]
-    return list(table.filter(pa.array(mask)).to_pylist())
+def _rows(table: pa.Table, method: str, intrinsics: str) -> pa.Table:
+    wanted = {"method": method, "intrinsics": intrinsics, "reference": "truth"}
+    for name, value in wanted.items():
+        table = table.filter(pc.equal(table[name], value))
+    return table
 
 
 def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
-    targets, candidates = scores.matched[row["method"], row["intrinsics"]]
+    targets, candidates = scores.matched(row["frame_id"])[row["method"], row["intrinsics"]]
     same = (targets.frame_id == row["frame_id"]) & (targets.marker_id == row["marker_id"])
     target = int(np.flatnonzero(same)[0])
     truth = targets.contour_px[target]

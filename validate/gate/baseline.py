@@ -17,10 +17,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from roundel.datasets.store.writing import write_file
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.lock import one_at_a_time
+from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.validate.gate.checks import MIN_CIRCLES
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
+from roundel.validate.scores.report_files import read_report_files
 
 SCHEMA = 2
 KEY = ("frame_id", "marker_id", "method", "intrinsics")
@@ -68,12 +71,8 @@ def baseline_of_report(report: str | Path) -> Baseline:
     """
     folder = Path(report)
     folder = folder.parent if folder.is_file() else folder
-    scores, summary = folder / "scores.parquet", folder / "summary.json"
-    for file in (scores, summary):
-        if not file.is_file():
-            raise UsageError(f"{report}: not a report: it has no {file.name}; `roundel validate` writes one")
+    facts, table = read_report_files(folder)
     try:
-        table, facts = pq.read_table(scores), json.loads(summary.read_text(encoding="utf-8"))
         settings = hashlib.sha256(json.dumps(facts["settings"], sort_keys=True).encode()).hexdigest()
         identity = facts["dataset"]["dataset_id"], facts["checksums"]["images"], settings
         version, roundel = int(facts["metric_version"]), str(facts["versions"]["validate"]["roundel"])
@@ -115,10 +114,20 @@ def write_baseline(baseline: Baseline, path: str | Path) -> None:
         "settings": baseline.settings,
         "accepted": baseline.accepted,
     }
+    facts["sha256"] = _checksum(baseline.rows, facts)
     sink = io.BytesIO()
     table = baseline.rows.replace_schema_metadata({_METADATA: json.dumps(facts).encode()})
     pq.write_table(table, sink, compression="zstd", compression_level=19)
     write_file(path, sink.getvalue())
+
+
+def _checksum(rows: pa.Table, facts: dict[str, Any]) -> str:
+    """sha256 over the rows and what the file says of them."""
+    sink = io.BytesIO()
+    bare = rows.replace_schema_metadata(None).combine_chunks()
+    with pa.ipc.new_stream(sink, bare.schema) as writer:
+        writer.write_table(bare)
+    return sha256(json.dumps(facts, sort_keys=True).encode() + sink.getvalue())
 
 
 def read_baseline(path: str | Path) -> Baseline:
@@ -137,12 +146,15 @@ def read_baseline(path: str | Path) -> Baseline:
     if not file.is_file():
         raise UsageError(f"{file}: there is no such baseline; `roundel baseline accept` writes one")
     try:
-        table = pq.read_table(file)
+        table = pq.ParquetFile(pa.BufferReader(Folder(file.parent).read(file.name))).read(use_threads=False)
         facts = json.loads((table.schema.metadata or {})[_METADATA])
         schema = facts["schema"]
         if schema != SCHEMA:
             raise NotComparableError(f"{file}: the baseline has format {schema}, not {SCHEMA}; accept a new one")
         rows = table.replace_schema_metadata(None).select(list(_COLUMNS))
+        # Baselines of older versions have no checksum.
+        if "sha256" in facts and facts.pop("sha256") != _checksum(rows, facts):
+            raise DataError(f"{file}: damaged: its checksum does not match; restore it, or accept a new one")
         _check_rows(rows, file)
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
         return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
@@ -168,8 +180,10 @@ def accept(report: str | Path, path: str | Path, reason: str) -> Baseline:
     most = max(solved["count_all"].to_pylist(), default=0)
     if most < MIN_CIRCLES:
         raise NotComparableError(f"{report}: {most} circles are solved; a verdict needs {MIN_CIRCLES}")
-    history = read_baseline(path).accepted if Path(path).is_file() else []
-    accepted = [*history, {"reason": " ".join(reason.split()), "roundel": new.accepted[0]["roundel"]}]
-    baseline = Baseline(new.rows, new.dataset_id, new.images, new.settings, new.metric_version, accepted)
-    write_baseline(baseline, path)
+    # Others may accept at the same time: each reason is kept.
+    with one_at_a_time(Path(path).with_name(f".{Path(path).name}.lock")):
+        history = read_baseline(path).accepted if Path(path).is_file() else []
+        accepted = [*history, {"reason": " ".join(reason.split()), "roundel": new.accepted[0]["roundel"]}]
+        baseline = Baseline(new.rows, new.dataset_id, new.images, new.settings, new.metric_version, accepted)
+        write_baseline(baseline, path)
     return baseline

@@ -114,6 +114,13 @@ def column(table: pa.Table, name: str) -> Array:
     return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
+def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
+    """A column of text; equal texts are one object, so that a million rows take little memory."""
+    encoded = table[name].combine_chunks().dictionary_encode()
+    values = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
+    return np.asarray(values[encoded.indices.fill_null(len(values) - 1).to_numpy(zero_copy_only=False)])
+
+
 _PAPER = "Mariyanayagam et al., Pose estimation of a single circle using default intrinsic calibration, section V"
 _OWN = "Roundel"
 _BOP = "Hodan et al., BOP Challenge 2020 on 6D object localization, section 2.2"

@@ -8,6 +8,8 @@ import pyarrow as pa
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import DataError
+from roundel.scenes.study.sampling import frame_count
+from roundel.scenes.study.schema import GroupSection
 
 COLUMNS = ("sweep_level", "sweep_frame")
 
@@ -22,32 +24,35 @@ def _sweeps(dataset: Dataset) -> dict[str, dict[str, Any]]:
     return {name: group["sweep"] for name, group in groups.items() if group.get("sweep")}
 
 
-def sweep_positions(dataset: Dataset) -> dict[int, tuple[float | None, int]]:
-    """(level, position within the level) of each frame; the level is None without a sweep.
-
-    A group's frames are consecutive, level by level (`scenes.frame`), and a finished dataset has all of them.
-
-    Raises
-    ------
-    DataError
-        If the number of a group's frames is not a multiple of its levels.
-    """
+def _first_frames(dataset: Dataset) -> dict[str, tuple[int, int]]:
+    """First frame and number of frames of each group, by the study; those there are, where it does not tell."""
+    sections: dict[str, Any] = dataset.study.get("groups") or {}
+    first, out = 0, {}
+    # Keys of a manifest are sorted: their order is told apart.
+    for name in dataset.manifest.get("groups") or ():
+        out[name] = first, frame_count(GroupSection.model_validate(sections[name]))
+        first += out[name][1]
+    if out:
+        return out
     frames: dict[str, list[int]] = {}
     for frame_id, group in zip(dataset.images.frame_ids, dataset.images.groups, strict=True):
         frames.setdefault(group, []).append(frame_id)
-    sweeps = _sweeps(dataset)
+    return {group: (min(ids), len(ids)) for group, ids in frames.items()}
+
+
+def sweep_positions(dataset: Dataset) -> dict[int, tuple[float | None, int]]:
+    """(level, position within the level) of each frame; the level is None without a sweep.
+
+    A group's frames are consecutive, level by level (`scenes.frame`). Some may be missing.
+    """
+    sweeps, ranges = _sweeps(dataset), _first_frames(dataset)
     out: dict[int, tuple[float | None, int]] = {}
-    for group, ids in frames.items():
+    for frame_id, group in zip(dataset.images.frame_ids, dataset.images.groups, strict=True):
+        first, count = ranges[group]
         levels: list[float | None] = list(sweeps[group]["levels"]) if group in sweeps else [None]
-        if len(ids) % len(levels):
-            raise DataError(
-                f"group {group} has {len(ids)} frames, not a multiple of the {len(levels)} levels of its sweep; "
-                "render the dataset again"
-            )
-        count = len(ids) // len(levels)
-        for position, frame_id in enumerate(sorted(ids)):
-            level = levels[position // count]
-            out[frame_id] = None if level is None else float(level), position % count
+        step, position = divmod(frame_id - first, count // len(levels))
+        level = levels[step]
+        out[frame_id] = None if level is None else float(level), position
     return out
 
 

@@ -5,18 +5,15 @@ Reports with different metric versions or different extents of the reprojection 
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from roundel.datasets.layout.files import check_no_dataset
-from roundel.datasets.store.writing import sha256, write_file
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.datasets.store.writing import write_file
+from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.figures.side_by_side import (
     ERRORS,
     NO_DIFFERENCE,
@@ -28,13 +25,14 @@ from roundel.validate.figures.side_by_side import (
 )
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary
+from roundel.validate.scores.report_files import SCORES, read_report_files
 from roundel.validate.scores.scores import KEY
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
 from roundel.validate.tables.table import NAME_LIMIT, Table, clean
 from roundel.validate.tables.writers import write_tables
 
-SCORES, SUMMARY, PAGE = "scores.parquet", "summary.json", "compare.html"
+PAGE = "compare.html"
 # The columns that are read from a report's scores.
 NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
 NAMES = ("results", "comparisons", "solved_by_one", "reports")
@@ -121,15 +119,8 @@ def read_report(folder: Path, label: str) -> Report:
     NotComparableError
         If another version of Roundel wrote it in another format.
     """
-    if not (folder / SUMMARY).is_file() or not (folder / SCORES).is_file():
-        raise UsageError(f"{folder}: is not a report; give a folder written by `roundel validate`")
-    try:
-        raw = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-        data = (folder / SCORES).read_bytes()
-        scores = pq.read_table(io.BytesIO(data))
-    except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
-        raise DataError(f"{folder}: a file of this report is damaged; validate the dataset again") from error
-    if not isinstance(raw, dict) or raw.get("schema") != SCHEMA:
+    raw, scores = read_report_files(folder)
+    if raw.get("schema") != SCHEMA:
         raise NotComparableError(f"{folder}: written by another version of Roundel; validate the dataset again")
     try:
         summary = Summary(**raw)
@@ -137,8 +128,6 @@ def read_report(folder: Path, label: str) -> Report:
         raise NotComparableError(
             f"{folder}: written by another version of Roundel; validate the dataset again"
         ) from error
-    if (summary.checksums or {}).get(SCORES) != sha256(data):
-        raise DataError(f"{folder}: {SCORES} is not the file that {SUMMARY} was made from; validate the dataset again")
     missing = [name for name in NEEDED if name not in scores.column_names]
     if missing:
         raise NotComparableError(f"{folder}: its scores have no column {missing[0]}; validate the dataset again")

@@ -1,8 +1,10 @@
 """Estimates assigned to circles and scored; the summary of a report.
 
 assignment: Assignment of detections to markers by nearest contour, or nearest centre, one to one
+candidates: Up to two poses of each circle, as a run gives them
 comparisons: Paired comparisons of runs on the same circles, and the statistical power of a set of frames
 readings: What a method reads beside the pose, scored: a focal length measured from the image alone, and an identity
+report_files: summary.json and scores.parquet, read again and held against their checksums
 run_statistics: Statistics of a run: errors with intervals over frames, rates, recall, errors over their bounds
 scores: Scores: one row for every true circle, method, intrinsics and reference, solved or not
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.model import distort_px, project
-from roundel.scenes.errors import NotComparableError
 from roundel.validate.estimates.runs import Run
 from roundel.validate.metrics.bop import mspd_px, mssd_m
 from roundel.validate.metrics.cramer_rao import Bounds, bounds_of
@@ -26,7 +26,8 @@ from roundel.validate.metrics.pose_errors import (
     reprojection_error_px,
 )
 from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
-from roundel.validate.scores.assignment import Match, groups_of, match
+from roundel.validate.scores.assignment import groups_of, match
+from roundel.validate.scores.candidates import Candidates, candidates_take, matched_candidates
 from roundel.validate.scores.readings import READINGS, identity_of, with_readings
 
 Array = NDArray[np.float64]
@@ -81,38 +82,34 @@ class FalseDetections:
 class Scores:
     """The table of scores.parquet, and data that it does not contain: false positives and the matched ellipses.
 
-    `matched[method, intrinsics]` has every expected circle and its candidates, row by row.
+    `matched(frame_id)` has every expected circle and its candidates, row by row, at least of that frame.
     """
 
     table: pa.Table
     false_detections: list[FalseDetections] = field(default_factory=list)
-    matched: dict[tuple[str, str], tuple[Targets, Candidates]] = field(default_factory=dict)
+    matched: Callable[[int], Matched] = field(default=lambda frame_id: {})
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Up to two poses per target: (N, 2, ...) arrays; `has` tells which exist. `camera` indexes `cameras`.
-
-    `found` tells which were detected, with or without a pose; `centre_px` is the image of the centre. None: all
-    detections have poses.
-    """
-
-    has: NDArray[np.bool_]
-    chosen: NDArray[np.bool_]
-    normal: Array
-    centre_m: Array
-    ellipse: Array
-    camera: NDArray[np.int64]
-    cameras: list[Any]
-    found: NDArray[np.bool_] | None = None
-    centre_px: Array | None = None
-
-    def detected(self) -> NDArray[np.bool_]:
-        """(N, 2) array: which were detected."""
-        return self.has if self.found is None else self.found
+# Expected circles and their candidates, by method and intrinsics.
+Matched = dict[tuple[str, str], tuple[Targets, Candidates]]
 
 
-def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | None = None) -> Scores:
+def match_runs(dataset: Dataset, targets: Targets, runs: list[Run], touched: frozenset[str] | None = None) -> Matched:
+    """The expected circles of each run with its candidates; see `score`."""
+    matched = {}
+    for run in runs:
+        mine = targets.take(np.flatnonzero(_expected(dataset, targets, run, touched)))
+        matched[run.method, run.intrinsics] = mine, matched_candidates(match(mine, run), run)
+    return matched
+
+
+def score(
+    dataset: Dataset,
+    targets: Targets,
+    runs: list[Run],
+    board: Targets | None = None,
+    touched: frozenset[str] | None = None,
+) -> Scores:
     """Score runs against the truth, and against the chessboard if there is one.
 
     Parameters
@@ -125,16 +122,14 @@ def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | 
     board : Targets, optional
         As `targets`, with poses from the chessboard; rows of frames without a board are missing, identified by
         marker_id and frame_id.
-
-    Raises
-    ------
-    NotComparableError
-        If there is no circle to score.
+    touched : frozenset of str, optional
+        Groups of which any run has frames, where this is a shard of several; default: those of the runs.
     """
-    tables, false, matched = [], [], {}
+    tables, false = [], []
+    matched: Matched = {}
     every, identities = bounds_of(dataset, targets), _identities(dataset)
     for run in runs:
-        expected = np.flatnonzero(_expected(dataset, targets, run))
+        expected = np.flatnonzero(_expected(dataset, targets, run, touched))
         mine, bounds = targets.take(expected), every.take(expected)
         found = match(mine, run)
         candidates = matched_candidates(found, run)
@@ -160,10 +155,7 @@ def score(dataset: Dataset, targets: Targets, runs: list[Run], board: Targets | 
                 sorted(found.false_detections),
             )
         )
-    tables = [table for table in tables if table.num_rows]
-    if not tables:
-        raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
-    return Scores(sorted_scores(pa.concat_tables(tables)), false, matched)
+    return Scores(sorted_scores(pa.concat_tables([SCORES_SCHEMA.empty_table(), *tables])), false, lambda _: matched)
 
 
 def sorted_scores(table: pa.Table) -> pa.Table:
@@ -171,7 +163,7 @@ def sorted_scores(table: pa.Table) -> pa.Table:
     return table.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
 
 
-def _expected(dataset: Dataset, targets: Targets, run: Run) -> NDArray[np.bool_]:
+def _expected(dataset: Dataset, targets: Targets, run: Run, touched: frozenset[str] | None) -> NDArray[np.bool_]:
     """Expected circles of a run: those of the groups that the study solves, and of any group in the run.
 
     A frame of such a group without a row counts as not solved, so that leaving out hard frames gives no advantage.
@@ -181,8 +173,9 @@ def _expected(dataset: Dataset, targets: Targets, run: Run) -> NDArray[np.bool_]
     asked = solve.get("groups")
     if not asked:
         return np.ones(len(group), dtype=bool)
-    of_frame = dict(zip(dataset.images.frame_ids, dataset.images.groups, strict=True))
-    touched = {of_frame[f] for f in np.unique(run.frame_id).tolist()}
+    if touched is None:
+        of_frame = dict(zip(dataset.images.frame_ids, dataset.images.groups, strict=True))
+        touched = frozenset(of_frame[f] for f in np.unique(run.frame_id).tolist())
     return np.isin(group, sorted(touched | set(asked)))
 
 
@@ -199,42 +192,6 @@ def _same_markers(a: Targets, b: Targets) -> NDArray[np.int64]:
     known = set(zip(b.frame_id.tolist(), b.marker_id.tolist(), strict=True))
     keys = zip(a.frame_id.tolist(), a.marker_id.tolist(), strict=True)
     return np.array([i for i, key in enumerate(keys) if key in known], dtype=np.int64)
-
-
-def matched_candidates(found: Match, run: Run) -> Candidates:
-    """The matched rows of a run, target by target."""
-    rows = found.rows
-    there = rows >= 0
-    # Row 0 is a placeholder for missing rows; `there` and `has` exclude it from all results.
-    safe = np.where(there, rows, 0)
-    has = there & run.posed[safe]
-    return Candidates(
-        has,
-        there & run.chosen[safe],
-        np.where(has[..., None], run.normal[safe], np.nan),
-        np.where(has[..., None], run.centre_m[safe], np.nan),
-        np.where(there[..., None], run.ellipse[safe], np.nan),
-        np.where(there, run.camera[safe], -1),
-        run.cameras,
-        there,
-        np.where(there[..., None], run.centre_px[safe], np.nan),
-    )
-
-
-def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidates:
-    """The selected rows."""
-    c = candidates
-    return Candidates(
-        c.has[rows],
-        c.chosen[rows],
-        c.normal[rows],
-        c.centre_m[rows],
-        c.ellipse[rows],
-        c.camera[rows],
-        c.cameras,
-        None if c.found is None else c.found[rows],
-        None if c.centre_px is None else c.centre_px[rows],
-    )
 
 
 def score_rows(

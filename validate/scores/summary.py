@@ -23,6 +23,7 @@ from roundel.validate.metrics.metric import (
     POSITION_D,
     REPROJECTION,
     column,
+    text_column,
 )
 from roundel.validate.metrics.sweeps import sweep_keys
 from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
@@ -96,13 +97,11 @@ def summary_record(summary: Summary) -> dict[str, Any]:
     return {"schema": summary.schema, **{f.name: getattr(summary, f.name) for f in fields(summary)}}
 
 
-def _texts(table: pa.Table, name: str) -> NDArray[Any]:
-    return np.array(table[name].to_pylist(), dtype=object)
-
-
 def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
     """(method, intrinsics, reference) of a table of scores, in display order."""
-    found = set(zip(*(table[name].to_pylist() for name in ("method", "intrinsics", "reference")), strict=True))
+    names = ["method", "intrinsics", "reference"]
+    known = table.group_by(names).aggregate([])
+    found = set(zip(*(known[name].to_pylist() for name in names), strict=True))
     # The truth first; the chessboard's own pose last.
     return sorted(found, key=lambda k: (k[0] == CHESSBOARD, k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
 
@@ -110,7 +109,7 @@ def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
 def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
     """Rows of one run."""
     names = ("method", "intrinsics", "reference")
-    return np.asarray(np.all([_texts(table, n) == v for n, v in zip(names, key, strict=True)], axis=0))
+    return np.asarray(np.all([text_column(table, n) == v for n, v in zip(names, key, strict=True)], axis=0))
 
 
 def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
@@ -173,7 +172,7 @@ def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray
 
 
 def summarise(
-    dataset: Dataset, scores: Scores, settings: dict[str, Any], calibration: dict[str, Any] | None
+    dataset: Dataset, scores: Scores, settings: dict[str, Any], circles: int, calibration: dict[str, Any] | None
 ) -> Summary:
     """The statistics of a report; verdicts and checksums are added later with `dataclasses.replace`.
 
@@ -183,6 +182,8 @@ def summarise(
     scores : Scores
     settings : dict
         The validator's settings.
+    circles : int
+        True circles of the dataset.
     calibration : dict or None
         From `calibration_summary`.
 
@@ -192,7 +193,7 @@ def summarise(
         Deterministic for the same input.
     """
     table = scores.table
-    group = _texts(table, "group")
+    group = text_column(table, "group")
     width = image_widths(dataset, table)
     tables: dict[tuple[str, str, str], pa.Table] = {}
     runs, by_group, cells, failures = [], [], [], []
@@ -207,7 +208,7 @@ def summarise(
                 here = rows & (group == name)
                 by_group.append({**label, "group": name, **run_statistics(table.filter(pa.array(here)), width[here])})
             cells.extend(_cells(table, key, name, rows & (group == name)))
-        missed = table.filter(pa.array(rows & (_texts(table, "reason") != "")))
+        missed = table.filter(pa.array(rows & (text_column(table, "reason") != "")))
         for reason, count in sorted(Counter(map(_kind_of_reason, missed["reason"].to_pylist())).items()):
             failures.append({**label, "reason": reason, "count": count})
     manifest = dataset.manifest
@@ -219,7 +220,7 @@ def summarise(
             "name": dataset.study.get("name"),
             "seed": dataset.study.get("seed"),
             "frames": len(dataset),
-            "circles": int(sum(r is not None for r in dataset.truth["radius_m"].to_pylist())),
+            "circles": circles,
             "groups": dict(Counter(dataset.images.groups)),
             "sweeps": sweep_keys(dataset),
             "fidelity": _fidelity(manifest.get("fidelity")),
@@ -239,8 +240,9 @@ def summarise(
 
 def image_widths(dataset: Dataset, table: pa.Table) -> Array:
     """Width of each row's image, px."""
-    width = {int(r["frame_id"]): float(r["width_px"]) for r in dataset.images.records}
-    return np.array([width[f] for f in table["frame_id"].to_pylist()], dtype=np.float64)
+    width = np.fromiter((r["width_px"] for r in dataset.images.records), dtype=np.float64, count=len(dataset.images))
+    ids = np.array(dataset.images.frame_ids)
+    return np.asarray(width[np.searchsorted(ids, table["frame_id"].to_numpy())])
 
 
 _FIDELITY = {"shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", "z_rms", "z_passed", "z_consistent"}

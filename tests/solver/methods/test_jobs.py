@@ -60,7 +60,7 @@ def test_two_processes_give_the_bytes_of_one(dataset, expected, tmp_path):
     assert (tmp_path / ESTIMATES).read_bytes() == expected
     assert seen[0] == (0, 150)
     assert seen[-1] == (150, 150)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [ESTIMATES, "timings.jsonl"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [ESTIMATES, ESTIMATES + ".sha256", "timings.jsonl"]
 
 
 def test_a_stopped_run_continues(dataset, expected, tmp_path):

@@ -145,9 +145,19 @@ def test_another_datasets_estimates(dataset, rows, tmp_path, capsys):
     write_records([Estimate(0, -1, "mine", "true", "failed", "too dark")], file, "0" * 64)
     refused(capsys, 3, "estimates are of dataset 000000000000", dataset, file)
     # CSV says nothing of its dataset: its frames alone tell.
+    file.with_name("estimates.parquet.sha256").unlink()
     table = pq.read_table(write_estimates(file, rows))
     pq.write_table(table.replace_schema_metadata({METADATA: b"not JSON"}), file)
     assert len(read_runs([file], dataset)) == 1
+
+
+def test_a_changed_byte_is_named(dataset, tmp_path, capsys):
+    file = tmp_path / "estimates.parquet"
+    write_records([Estimate(0, -1, "mine", "true", "failed", "too dark")], file, dataset.manifest["dataset_id"])
+    whole = file.read_bytes()
+    for at in range(0, len(whole), 50):
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        refused(capsys, 4, "altered: its sha256 is not that in estimates.parquet.sha256", dataset, file)
 
 
 def test_files_of_another_kind(dataset, rows, tmp_path, capsys):

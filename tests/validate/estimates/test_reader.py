@@ -30,8 +30,9 @@ def test_estimates_that_are_none(tmp_path):
 def test_the_file_says_what_it_is_of(tmp_path):
     write_estimates([FAILED], tmp_path / "estimates.parquet", "abc")
     assert dataset_of(read_estimates(tmp_path)) == "abc"
-    write_estimates([FAILED], tmp_path / "estimates.parquet")
-    assert dataset_of(read_estimates(tmp_path)) is None
+    (tmp_path / "other").mkdir()
+    write_estimates([FAILED], tmp_path / "other" / "estimates.parquet")
+    assert dataset_of(read_estimates(tmp_path / "other")) is None
 
 
 def test_what_nobody_must_give_is_filled_in(tmp_path):

@@ -56,7 +56,7 @@ def as_images(
         dataset = with_column(dataset, name, pa.array([value] * n))
     sensor = {"shot_noise": gain_dn_per_e > 0, "curve": "linear", "gain_dn_per_e": gain_dn_per_e}
     records = [{**record, "sensor": sensor} for record in dataset.images.records]
-    manifest = {**dataset.manifest, "study": {**dataset.study, "groups": {}}}
+    manifest = {**dataset.manifest, "groups": None, "study": {**dataset.study, "groups": {}}}
     return replace(dataset, manifest=manifest, images=replace(dataset.images, records=records))
 
 
@@ -132,5 +132,5 @@ def test_a_detection_is_known_by_its_second_candidate(dataset: Dataset, tmp_path
     runs = read_runs([write_estimates(tmp_path / "e.parquet", rows)], dataset)
     scores = score(dataset, true_targets(dataset, 3.0), runs)
     assert scores.table["solved"].to_pylist() == [True] * 36
-    run = summarise(dataset, scores, {"reprojection_extent_D": 3.0}, None).runs[0]
+    run = summarise(dataset, scores, {"reprojection_extent_D": 3.0}, 36, None).runs[0]
     assert (run["solved"], run["false_detections"]) == (36, 0)

@@ -49,7 +49,7 @@ def as_images(dataset: Dataset, electrons: bool = True, keys: dict[str, Any] | N
         column = pa.array([value] * n, dataset.truth.schema.field(name).type)
         dataset = replace(dataset, kept_truth=dataset.truth.set_column(at, name, column))
     records = [{**r, "sensor": {**sheet.record(), "saturation_dn": 255}} for r in dataset.images.records]
-    manifest = {**dataset.manifest, "study": {**dataset.study, "groups": {}}}
+    manifest = {**dataset.manifest, "groups": None, "study": {**dataset.study, "groups": {}}}
     return replace(dataset, manifest=manifest, images=replace(dataset.images, records=records))
 
 

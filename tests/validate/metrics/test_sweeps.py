@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
-from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import frame_of
 from roundel.validate.estimates.runs import read_runs
@@ -34,10 +32,3 @@ def test_a_frame_keeps_its_position_over_the_levels(tmp_path: Path) -> None:
     assert [(r["sweep_level"], r["sweep_frame"]) for r in rows] == [found[i] for i in range(144)]
     paired = {r["sweep_frame"]: r["distance_D"] for r in rows if r["sweep_level"] == 0.5}
     assert all(r["distance_D"] == paired[r["sweep_frame"]] for r in rows if r["sweep_level"] == 4)
-
-
-def test_frames_that_do_not_divide_are_refused(tmp_path: Path) -> None:
-    dataset = make_dataset(tmp_path / "ds", POINTS)
-    dataset.manifest["study"]["groups"]["main"]["sweep"] = {"key": "points.sigma_px", "levels": [1.0] * 5}
-    with pytest.raises(DataError, match="36 frames, not a multiple of the 5 levels"):
-        sweep_positions(dataset)

@@ -12,6 +12,7 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.cli.main import main
+from roundel.datasets.store.records import document_of
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.report.compare import compare_reports, labels_of
 from roundel.validate.validate import validate_dataset
@@ -69,7 +70,7 @@ def test_the_same_input_gives_the_same_page(house: Path, tmp_path: Path) -> None
 def changed(house: Path, folder: Path, **values: Any) -> Path:
     folder.mkdir()
     summary = json.loads((house / "bad" / "summary.json").read_text())
-    (folder / "summary.json").write_text(json.dumps({**summary, **values}))
+    (folder / "summary.json").write_bytes(document_of({**summary, **values}))
     (folder / "scores.parquet").write_bytes((house / "bad" / "scores.parquet").read_bytes())
     return folder
 
@@ -80,7 +81,7 @@ def test_refusals(house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
         compare_reports([good], out)
     with pytest.raises(UsageError, match="given twice"):
         compare_reports([good, good], out)
-    with pytest.raises(UsageError, match="is not a report"):
+    with pytest.raises(UsageError, match="not a report"):
         compare_reports([good, tmp_path], out)
     with pytest.raises(UsageError, match="is one of the reports"):
         compare_reports([good, house / "bad"], good)

@@ -13,6 +13,7 @@ import pytest
 from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
+from roundel.datasets.store.records import record_of_document
 from roundel.datasets.store.writing import sha256
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError, UsageError
@@ -126,7 +127,7 @@ def test_the_same_input_gives_the_same_files(report: tuple[Path, Summary], datas
 
 def test_the_summary_agrees_with_the_scores(report: tuple[Path, Summary]) -> None:
     folder, summary = report
-    assert json.loads((folder / "summary.json").read_text()) == summary_record(summary)
+    assert record_of_document((folder / "summary.json").read_bytes()) == summary_record(summary)
     assert summary.checksums["scores.parquet"] == sha256((folder / "scores.parquet").read_bytes())
     table = pq.read_table(folder / "scores.parquet")
     run = next(r for r in summary.runs if r["intrinsics"] == "scaled:0.7")

@@ -31,7 +31,7 @@ def scored(dataset: Dataset, folder: Path, rows: list[dict[str, Any]]) -> Scores
 
 
 def summary_of(dataset: Dataset, scores: Scores) -> Summary:
-    return summarise(dataset, scores, {"reprojection_extent_D": 3.0}, None)
+    return summarise(dataset, scores, {"reprojection_extent_D": 3.0}, 36, None)
 
 
 def test_statistics_with_intervals() -> None:
