@@ -27,6 +27,9 @@ _PACKAGES = (
 # `environment` of the renderer, and `versions` of the packages.
 Environment = dict[str, Any]
 
+# That of frames of which no record tells.
+UNKNOWN: Environment = {"environment": {}, "versions": {}}
+
 
 @cache
 def _versions() -> tuple[tuple[str, str], ...]:

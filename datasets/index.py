@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from roundel.datasets.environment import Environment, check_one_environment, key_of
+from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, key_of
 from roundel.datasets.finish import Frames, finish_shard, slim, write_manifest
 from roundel.datasets.layout import files
 from roundel.datasets.layout.manifest import read_shard
@@ -74,9 +74,7 @@ def finish_frames(
     if not (mix or state.mixed) and len({key for _, key in keys}) > 1:
         check_one_environment(str(folder), keys, own, state.environments)
     # Those of frames whose record was lost are known by their key alone.
-    unknown: dict[str, Environment] = {
-        str(key): {"environment": {}, "versions": {}} for _, key in keys if key is not None
-    }
+    unknown = {str(key): UNKNOWN for _, key in keys if key is not None}
     known = {**unknown, key_of(own): own, **state.environments}
     return finish_shard(study, folder, state.shard, Frames(state.entries, state.seconds, known), developed_from)
 

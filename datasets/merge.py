@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from roundel.datasets.environment import Environment, check_one_environment, environment_of
+from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
 from roundel.datasets.layout import journal
 from roundel.datasets.layout.shards import Shard, shards_of
@@ -112,7 +112,7 @@ def _copy(study: Study, target: Folder, shard: Shard, source: ShardProgress, wan
         by_environment.setdefault(str(entry.get("environment")), []).append(entry)
     for key, entries in by_environment.items():
         # A log tells what made its frames.
-        mine = Participant(study, target, source.environments.get(key, {}), mix)
+        mine = Participant(study, target, source.environments.get(key, UNKNOWN), mix)
         try:
             state = mine.enter(shard)
             for entry in entries:

@@ -10,7 +10,7 @@ from typing import Any
 
 from roundel.datasets.environment import Environment, key_of
 from roundel.datasets.layout import files, journal
-from roundel.datasets.layout.schema import EntryRecord, checked
+from roundel.datasets.layout.schema import HeaderRecord, LogRecord, checked
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.store.folder import Folder, MissingFile
 from roundel.datasets.store.log import Logs, OwnLog
@@ -56,24 +56,29 @@ class ShardProgress:
         except MissingFile:
             return
         self.entries, damaged = journal.entries_of(data, place)
+        if len(self.environments) == 1:
+            # Lines of version 1 do not say what made them: the manifest does, of all.
+            for entry in self.entries.values():
+                entry.setdefault("environment", next(iter(self.environments)))
         if damaged:
             self.notes.append(f"{place}: {damaged} damaged lines are left out; their frames are rendered again")
 
     def refresh(self) -> None:
         """Read what was recorded since the last time."""
         for name, header, record in self._logs.new_records():
-            if header.get("dataset_id") != self.dataset_id:
+            place = self.folder.place(self.shard.name(f"log/{name}.jsonl"))
+            about = checked(HeaderRecord, header, place)
+            found = checked(LogRecord, record, place)
+            if about.dataset_id != self.dataset_id:
                 continue
-            if "claim" in record:
-                self._claims.setdefault(int(record["claim"]), set()).add(name)
-                continue
-            entry, environment = record.get("entry"), header.get("environment") or {}
-            checked(EntryRecord, entry, self.folder.place(self.shard.name(f"log/{name}")))
-            assert entry is not None, "None is no entry"
-            self.entries[entry["frame_id"]] = {**entry, "environment": key_of(environment)}
-            self.environments[key_of(environment)] = environment
-            self.mixed |= bool(header.get("mix"))
-            self.seconds[entry["frame_id"]] = record.get("seconds") or {}
+            if found.claim is not None:
+                self._claims.setdefault(found.claim, set()).add(name)
+            if found.entry is not None:
+                key = key_of(header["environment"])
+                self.entries[found.entry.frame_id] = {**record["entry"], "environment": key}
+                self.environments[key] = header["environment"]
+                self.mixed |= about.mix
+                self.seconds[found.entry.frame_id] = found.seconds
 
     def drop_damaged(self) -> list[int]:
         """Forget frames whose files are missing or altered; returns their ids. Such files are removed."""

@@ -80,12 +80,12 @@ def recorded_environments(folder: Folder, shard: Shard) -> dict[str, Environment
     try:
         if shard.folder:
             found = read_shard(folder, shard, None)
-            return {} if found is None else dict(found[1].environments)
-        _, manifest = read_manifest(folder)
+            return {} if found is None else dict(found[0]["environments"])
+        record, manifest = read_manifest(folder)
     except DataError:
         return {}
     if manifest.environments is not None:
-        return dict(manifest.environments)
+        return dict(record["environments"])
     one = {"environment": manifest.environment, "versions": manifest.versions}
     return {key_of(one): one}
 

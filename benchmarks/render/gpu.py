@@ -28,7 +28,7 @@ from scipy.stats import norm
 from roundel.render.backend import environment, start, variant_of
 from roundel.render.cuda import INSTEAD, find_gpu
 from roundel.render.radiance import Radiance, render_radiance
-from roundel.render.run import render_frames
+from roundel.render.shard_work import render_frames
 from roundel.scenes.errors import BackendError
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import Frame, frame_of, group_ranges

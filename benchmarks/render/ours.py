@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from stopwatch import RayCounter
 
-from roundel.datasets.layout import journal
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.log import OwnLog
 from roundel.render import radiance as radiance_module
 from roundel.render.backend import start
 from roundel.render.radiance import render_radiance
-from roundel.render.run import render_frame, render_frames
+from roundel.render.shard_work import render_frame, render_frames
 from roundel.scenes.study.study import load_study
 from roundel.scenes.truth.truth import truth_of
 from roundel.scenes.world.frame import Frame, frame_of, total_frames
@@ -53,9 +54,9 @@ def main() -> None:
     def labelled(count: int, exr: bool) -> list[tuple[float, float]]:
         """The work of `roundel render`, including journal and truth: seconds from one finished frame to the next."""
         frames = (frame_of(study, i % total) for i in range(count + 2))
-        ticks, counts = [], []
+        ticks, counts, log = [], [], OwnLog(Folder(out), {})
         for entry, _ in render_frames((f if exr else without_exr(f) for f in frames), out):
-            journal.append(out, entry)
+            log.append({"entry": entry})
             truth_of(frame_of(study, entry["frame_id"]))
             ticks.append((time.perf_counter(), time.process_time()))
             counts.append(rays.rays)

@@ -24,7 +24,7 @@ from stopwatch import Stopwatch
 # The two stages that are not overhead.
 INTEGRATOR, COMPRESSION = "integrator", "EXR compression"
 
-RUN, RADIANCE = "roundel.render.run", "roundel.render.radiance"
+RUN, RADIANCE = "roundel.render.shard_work", "roundel.render.radiance"
 STAGES = [
     (INTEGRATOR, RADIANCE, "_chunk"),
     ("scene", RADIANCE, "optics_of"),
@@ -70,8 +70,9 @@ def bare(frames: Iterator[Any]) -> Iterator[None]:
 
 def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[str, Any]:
     """Mean seconds of each stage over warm frames, and the pipeline's overhead."""
-    from roundel.datasets.layout import journal
-    from roundel.render import run as run_module
+    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.store.log import OwnLog
+    from roundel.render import shard_work
     from roundel.render.backend import start
     from roundel.scenes.study.study import load_study
     from roundel.scenes.truth.truth import truth_of
@@ -92,12 +93,13 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
     at_least = ticks(bare(frame_of(study, i % total) for i in range(frames + _WARM + 1)))
     missing = [f"{module}.{name}" for label, module, name in STAGES if not watch.wrap(label, module, name)]
     placing = watch.timed("placing the frame", frame_of)
-    truth, append = watch.timed("truth", truth_of), watch.timed("journal entry", journal.append)
+    truth, append = watch.timed("truth", truth_of), watch.timed("journal entry", OwnLog.append)
 
     def whole(folder: Path) -> Iterator[None]:
         placed = (placing(study, i % total) for i in range(frames + _WARM + 1))
-        for entry, _ in run_module.render_frames(placed, folder):
-            append(folder, entry)
+        log = OwnLog(Folder(folder), {})
+        for entry, _ in shard_work.render_frames(placed, folder):
+            append(log, {"entry": entry})
             truth(frame_of(study, entry["frame_id"]))
             yield
 

@@ -6,7 +6,11 @@ Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres
 
 from __future__ import annotations
 
+import os
+import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +58,20 @@ def encode_radiance(planes: Planes) -> bytes:
         ) from error
 
 
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep the library from printing its own messages on standard error: this module says what is wrong."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def decode_radiance(data: bytes, place: str) -> Planes:
     """Planes of an EXR file, by channel, from its bytes; `place` is its address, for messages.
 
@@ -66,7 +84,7 @@ def decode_radiance(data: bytes, place: str) -> Planes:
 
     try:
         # The library reads only named files.
-        with tempfile.NamedTemporaryFile(suffix=".exr") as file:
+        with tempfile.NamedTemporaryFile(suffix=".exr") as file, _silence():
             file.write(data)
             file.flush()
             with OpenEXR.File(file.name, separate_channels=True) as opened:

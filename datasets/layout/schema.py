@@ -64,6 +64,33 @@ class EntryRecord(BaseModel):
         return self
 
 
+class EnvironmentRecord(BaseModel):
+    """What made a frame, see `datasets.environment`."""
+
+    model_config = _STRICT
+    environment: dict[str, Any]
+    versions: dict[str, str]
+
+
+class HeaderRecord(BaseModel):
+    """The first record of a log: who writes."""
+
+    model_config = _STRICT
+    log: Literal[1]
+    dataset_id: Digest
+    environment: EnvironmentRecord
+    mix: bool
+
+
+class LogRecord(BaseModel):
+    """A further record of a log: a frame that is claimed, or one that is finished."""
+
+    model_config = _STRICT
+    claim: Count | None = None
+    entry: EntryRecord | None = None
+    seconds: dict[str, _Number] = {}
+
+
 class SensorRecord(BaseModel):
     """The sensor of a frame: what undoes its processing."""
 
@@ -186,7 +213,7 @@ class ShardRecord(BaseModel):
     first_frame: Count
     complete: bool
     counts: CountsRecord
-    environments: dict[str, dict[str, Any]]
+    environments: dict[str, EnvironmentRecord]
     fidelity: dict[str, Any]
     files: dict[str, FileRecord]
     images_sha256: Digest
@@ -214,7 +241,7 @@ class ManifestRecord(BaseModel):
     groups: list[str] | None = None
     versions: dict[str, str] = {}
     environment: dict[str, Any] = {}
-    environments: dict[str, dict[str, Any]] | None = None
+    environments: dict[str, EnvironmentRecord] | None = None
     counts: CountsRecord
     fidelity: dict[str, Any] = {}
     files: dict[str, FileRecord]

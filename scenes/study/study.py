@@ -174,7 +174,9 @@ def _sentence(error: Any, model: type[BaseModel]) -> tuple[str, tuple[Any, ...]]
     dotted = ".".join(str(p) for p in location)
     context = error.get("ctx", {})
     if error["type"] == "extra_forbidden":
-        return f"{dotted}: unknown key{_nearest(str(location[-1]), _keys_at(model, raw[:-1]))}", location
+        # A key that is no identifier is no part of a location.
+        shown = dotted if location and location[-1] == raw[-1] else ".".join(filter(None, (dotted, repr(raw[-1])[:80])))
+        return f"{shown}: unknown key{_nearest(str(raw[-1]), _keys_at(model, raw[:-1]))}", location
     if error["type"] == "missing":
         return f"{dotted}: required key is missing; add it", location
     if error["type"] == "union_tag_invalid":

@@ -114,7 +114,8 @@ def read_yaml(path: str | Path) -> tuple[Any, Marks]:
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)  # of a device no more
     except OSError as error:
         raise StudyError(f"cannot read the study: {error.strerror}", path) from error
     if len(data) > MAX_BYTES:

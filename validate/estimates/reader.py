@@ -19,6 +19,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from roundel.datasets.store.folder import Folder, MissingFile
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.solver.estimates import CHECKSUM, ESTIMATES, METADATA, estimates_schema
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
@@ -195,11 +196,11 @@ def _check_checksum(file: Path, version: tuple[int, int, int]) -> None:
     del version
     beside = file.with_name(file.name + CHECKSUM)
     try:
-        known = beside.read_text(encoding="ascii").split()[0]
-    except FileNotFoundError:
+        known = Folder(beside.parent).read(beside.name, most=4096).decode("ascii").split()[0]
+    except MissingFile:
         return
-    except (OSError, ValueError, IndexError) as error:
-        raise DataError(f"{beside}: not a checksum; solve again, or delete it") from error
+    except (DataError, ValueError, IndexError) as error:
+        raise DataError(f"{beside}: not a checksum ({first_line(error)}); solve again, or delete it") from error
     with file.open("rb") as opened:
         digest = hashlib.file_digest(opened, "sha256").hexdigest()
     if known != digest:
