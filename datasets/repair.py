@@ -14,10 +14,10 @@ from roundel.datasets.finish import study_bytes
 from roundel.datasets.index import image_ids, progress_of
 from roundel.datasets.layout import files
 from roundel.datasets.layout.contents import read_contents
-from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.resume import held_study
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.folder import Folder, Listed
 from roundel.datasets.store.log import FOLDER as LOG
 from roundel.datasets.store.writing import leftovers, write_file
 from roundel.scenes.errors import DataError, RoundelError
@@ -72,7 +72,10 @@ def _own_study(folder: Folder) -> Study:
         raise DataError(
             f"{folder}: neither {files.STUDY} nor {files.MANIFEST} can be trusted; give the study with --study"
         )
-    return _from_manifest(folder, manifest["study"], str(identity))
+    # Keys of a manifest are sorted, but the order of the groups counts.
+    study, order = manifest["study"], manifest.get("groups")
+    groups = {"groups": {name: study["groups"][name] for name in order}} if order else {}
+    return _from_manifest(folder, {**study, **groups}, str(identity))
 
 
 def _from_manifest(folder: Folder, resolved: dict[str, object], identity: str) -> Study:
@@ -152,13 +155,19 @@ def _clean_shard(folder: Folder, shard: Shard, study: Study, found: Damage) -> N
 def _altered(folder: Folder, shard: Shard) -> bool:
     """Whether the record of a shard is missing or damaged, or a table is not the one that it lists."""
     try:
-        contents = read_contents(folder)
-        part = next((part for part in contents.parts if part.shard.folder == shard.folder), None)
-        if part is None:
-            return True
-        for name in contents.files_of(part):
+        if shard.folder:
+            found = read_shard(folder, shard, None)
+            if found is None or not found[1].complete:
+                return True
+            listed = {name: Listed(record.bytes, record.sha256) for name, record in found[1].files.items()}
+        else:
+            contents = read_contents(folder)
+            if not contents.complete:
+                return True
+            listed = contents.own
+        for name, its in listed.items():
             if not name.startswith((f"{files.IMAGES}/", f"{files.RADIANCE}/")):
-                contents.read(part, name)
+                folder.read_checked(shard.name(name), its, "")
     except DataError:
         return True
     return False

@@ -68,6 +68,7 @@ class Work:
     developed_from: str | None = None
     done: int = 0
     total: int = 0
+    finished: list[Shard] = field(default_factory=list)
     lost: list[Lost[tuple[Shard, int]]] = field(default_factory=list)
 
     def say(self, more: int = 0) -> None:
@@ -123,7 +124,7 @@ def is_whole(folder: Folder, shards: Iterable[Shard]) -> bool:
 
 
 def tidy(folder: Folder, shards: Iterable[Shard], study: Study) -> None:
-    """Remove what killed processes left in finished shards."""
+    """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
     clear_leftovers(folder.path)
     for shard in shards:
         here = folder.sub(shard.folder)
@@ -153,12 +154,14 @@ def work_through(work: Work, make: MakeFrames) -> bool:
     work.say()
     for shard in shards:
         if _is_finished(work, shard):
+            work.finished.append(shard)
             work.say(counts[shard])
             continue
         state = _opened(work, shard)
         _make_all(work, state, ids[shard], make)
         if not set(image_ids(work.study, shard)) - set(state.entries):
             _finish_shard(work, shard)
+            work.finished.append(shard)
         # Frames in points mode are made with the tables.
         work.say(counts[shard] - len(ids[shard]))
     if work.lost:
@@ -264,7 +267,6 @@ def _finish_shard(work: Work, shard: Shard) -> None:
             state = progress_of(work.folder, shard, work.study)
             record = finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed_from)
             finish_dataset(work.study, work.folder, [(shard, record)], work.own, work.mix)
-    progress_of(work.folder, shard, work.study).remove_logs()
 
 
 def _finish_dataset(work: Work) -> bool:

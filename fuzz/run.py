@@ -17,14 +17,18 @@ HERE = Path(__file__).resolve().parent
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Fuzz the reading of images and photographs.")
+    parser = argparse.ArgumentParser(description="Fuzz the reading of images, photographs and datasets.")
     parser.add_argument("--seconds", type=float, default=300.0, help="total time")
     parser.add_argument("--seed", type=int, default=int(time.time()), help="seed; default: the current time")
     asked = parser.parse_args()
     has_atheris = importlib.util.find_spec("atheris") is not None
     if not has_atheris:
         print("photos: without atheris, so not coverage-guided; `make fuzz-env` installs it", flush=True)
-    shares = [("images.py", 0.5, []), ("photos.py", 0.5, [] if has_atheris else ["--blind"])]
+    shares = [
+        ("images.py", 0.4, []),
+        ("photos.py", 0.3, [] if has_atheris else ["--blind"]),
+        ("store.py", 0.3, []),
+    ]
     print(f"seed {asked.seed}", flush=True)
     for script, share, options in shares:
         command = [sys.executable, str(HERE / script), "--seconds", str(share * asked.seconds)]

@@ -133,11 +133,11 @@ def exchanged(value: Any, chance: random.Random) -> Any:
     return value
 
 
-def mutated(data: bytes, name: str, chance: random.Random) -> bytes:
-    """The bytes of a file with one defect."""
+def mutated(data: bytes, name: str, chance: random.Random, foreign: bool) -> bytes:
+    """The bytes of a file with one defect; `foreign`: of a dataset, which may come from anywhere."""
     if name.endswith((".json", ".jsonl")) and chance.random() < 0.6:
         with contextlib.suppress(ValueError, UnicodeError):
-            return _mutated_json(data, name, chance)
+            return _mutated_json(data, name, chance, foreign)
     at = chance.randrange(max(len(data), 1))
     kind = chance.randrange(6)
     if kind == 0:
@@ -151,9 +151,9 @@ def mutated(data: bytes, name: str, chance: random.Random) -> bytes:
     return data[:at] + bytes([data[at] ^ (1 << chance.randrange(8))]) + data[at + 1 :] if data else b"\0"
 
 
-def _mutated_json(data: bytes, name: str, chance: random.Random) -> bytes:
+def _mutated_json(data: bytes, name: str, chance: random.Random, foreign: bool) -> bytes:
     """A value exchanged; half of the time with the checksum made right again, as somebody might on purpose."""
-    right = chance.random() < 0.5
+    right = foreign and chance.random() < 0.5
     if name.endswith(".jsonl"):
         lines = data.decode().splitlines()
         at = chance.randrange(len(lines))
@@ -164,7 +164,7 @@ def _mutated_json(data: bytes, name: str, chance: random.Random) -> bytes:
     return document_of(record) if right and isinstance(record, dict) else json.dumps(record, indent=1).encode()
 
 
-def damage(file: Path, chance: random.Random) -> str:
+def damage(file: Path, chance: random.Random, foreign: bool) -> str:
     """Damage a file on disk; says how."""
     kind = chance.randrange(14)
     whole = file.read_bytes()
@@ -183,7 +183,7 @@ def damage(file: Path, chance: random.Random) -> str:
         file.unlink()
         file.mkdir()
         return "a folder"
-    changed = mutated(whole, file.name, chance)
+    changed = mutated(whole, file.name, chance, foreign)
     file.write_bytes(changed)
     return "unchanged" if changed == whole else "altered"
 
@@ -224,7 +224,7 @@ def case(source: Path, names: list[str], seed: int) -> str | None:
         shutil.copytree(source, root)
         shutil.copytree(root / "report", root / "report2")
         name = chance.choice(names)
-        how = damage(root / name, chance)
+        how = damage(root / name, chance, name.startswith(("dataset/", "part/")))
         if how == "altered" and chance.random() < 0.4:
             relist(root, name)
             how = "altered, and its checksum too"

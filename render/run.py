@@ -14,7 +14,7 @@ from pathlib import Path
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
-from roundel.datasets.layout.shards import Shard
+from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.resume import backend_to_resume, prepare
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.work import MakeFrames, Work, is_whole, shards_within, tidy, work_through
@@ -118,8 +118,7 @@ def render_study(
             f"{folder}: frame {first.item[1]}: {first}; {what} set aside, all other frames are done; run the command "
             "again to try once more"
         )
-    if finished:
-        tidy(folder, shards, study)
+    tidy(folder, shards_of(total) if finished else work.finished, study)
     return open_dataset(dataset) if finished else None
 
 

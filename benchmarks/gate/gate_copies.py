@@ -132,6 +132,8 @@ def copies(
         if not (folder / name / SCORES).is_file():
             say(name)
         plain = source.dataset.images
-        solve_copy(source, folder / name, Renoised(plain.path, plain.records, plain.contents, source, number, read_noise_e))
+        solve_copy(
+            source, folder / name, Renoised(plain.path, plain.records, plain.contents, source, number, read_noise_e)
+        )
         out.append(score_copy(source, folder / name, name))
     return out

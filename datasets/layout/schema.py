@@ -37,6 +37,36 @@ def _confined(names: Any) -> None:
             raise ValueError(f"{name[:80]!r} is not the name of a file of this dataset")
 
 
+class FidelityRecord(BaseModel):
+    """What was measured of a circle, see `fidelity.measure.compare`; or the reason why nothing was."""
+
+    model_config = _STRICT
+    reason: str | None = None
+    effect: str = ""
+    shift_x_px: _Number | None = None
+    shift_y_px: _Number | None = None
+    scale_px: _Number | None = None
+    shift_se_px: _Number | None = None
+    residual: _Number | None = None
+    monte_carlo: _Number | None = None
+    z_rms: _Number | None = None
+    z_passed: bool | None = None
+    pixels: Count | None = None
+    chi2_left: _Number | None = None
+    z_pixels: Count | None = None
+    z_worst: _Number | None = None
+    z_limit: _Number | None = None
+    z_rms_limit: _Number | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> FidelityRecord:
+        names = ("shift_x_px", "shift_y_px", "scale_px", "shift_se_px", "residual", "monte_carlo", "z_rms", "z_passed")
+        missing = [name for name in names if getattr(self, name) is None]
+        if self.reason is None and self.model_fields_set and missing:
+            raise ValueError(f"{missing[0]}: is missing")
+        return self
+
+
 class EntryRecord(BaseModel):
     """A line of the journal: a finished frame."""
 
@@ -44,7 +74,7 @@ class EntryRecord(BaseModel):
     frame_id: Count
     group: str
     files: dict[str, FileRecord]
-    fidelity: dict[str, dict[str, Any]]
+    fidelity: dict[str, FidelityRecord]
     photometry: dict[str, dict[str, _Number | None]]
     numbers_sha256: Digest | None = None
     backend: str = "llvm"
