@@ -82,6 +82,7 @@ def _add_rendering(add: AddVerb) -> None:
             metavar="N",
             help="number of processes (default 1; one process uses all cores)",
         )
+        _add_scheduler(parser)
         _add_mixing(parser)
         parser.add_argument("--threads", type=count, metavar="N", help="threads per process (default: all cores)")
         parser.add_argument(
@@ -116,6 +117,14 @@ def _add_rendering(add: AddVerb) -> None:
     merge.add_argument("out", metavar="DATASET", help="folder to write to: a new one, or a part of the same study")
     for parser in (repair, merge):
         _add_mixing(parser)
+
+
+def _add_scheduler(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="let the workers of a Dask scheduler do it, such as tcp://10.0.0.1:8786; they share the disk",
+    )
 
 
 def _add_mixing(parser: argparse.ArgumentParser) -> None:
@@ -166,6 +175,7 @@ def _add_solving(add: AddVerb) -> None:
     solve.add_argument(
         "--jobs", type=count, default=1, metavar="N", help="number of processes (default 1); the results are the same"
     )
+    _add_scheduler(solve)
     solve.add_argument(
         "--knowledge",
         metavar="WORDS",

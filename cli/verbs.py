@@ -111,6 +111,7 @@ def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: 
             dataset,
             jobs=arguments.jobs,
             threads=arguments.threads,
+            scheduler=arguments.scheduler,
             backend=arguments.backend,
             frames=frames,
             mix_environments=arguments.mix_environments,
@@ -220,6 +221,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
             progress=show,
             on_warning=_warn,
             jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
         )
     print(f"{arguments.out}: {_counted(counts)}")
     return 0
@@ -291,6 +293,7 @@ def do_run(arguments: argparse.Namespace) -> int:
             progress=show,
             on_warning=_warn,
             jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
         )
     with progress("chessboards") as show:
         summary = validate_dataset(

@@ -69,13 +69,16 @@ class Work:
     done: int = 0
     total: int = 0
     finished: list[Shard] = field(default_factory=list)
+    _ended: tuple[int, int] | None = None
     lost: list[Lost[tuple[Shard, int]]] = field(default_factory=list)
 
     def say(self, more: int = 0) -> None:
         """Show the progress, after `more` frames."""
         self.done += more
-        if self.progress:
+        # The end is said once, at the end.
+        if self.progress and (self.done < self.total or not more) and (self.done, self.total) != self._ended:
             self.progress(self.done, self.total)
+            self._ended = (self.done, self.total) if self.done == self.total else None
 
 
 class Participant:
@@ -164,6 +167,7 @@ def work_through(work: Work, make: MakeFrames) -> bool:
             work.finished.append(shard)
         # Frames in points mode are made with the tables.
         work.say(counts[shard] - len(ids[shard]))
+    work.say()
     if work.lost:
         return False
     return _finish_dataset(work)

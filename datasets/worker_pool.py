@@ -41,7 +41,9 @@ class Lost(Generic[Item]):
     exit_code: int | None
 
     def __str__(self) -> str:
-        if self.exit_code is not None and self.exit_code < 0:
+        if self.exit_code is None:
+            return "each process that had it died, perhaps for lack of memory"
+        if self.exit_code < 0:
             name = signal.Signals(-self.exit_code).name if -self.exit_code in signal.valid_signals() else "a signal"
             return f"its process was killed twice ({name}), perhaps for lack of memory"
         return f"its process died twice (exit status {self.exit_code})"

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+from roundel.datasets.cluster import ClusterPool
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
@@ -42,6 +43,7 @@ def render_study(
     *,
     jobs: int = 1,
     threads: int | None = None,
+    scheduler: str | None = None,
     frames: range | None = None,
     backend: str = DEFAULT_BACKEND,
     mix_environments: bool = False,
@@ -60,6 +62,8 @@ def render_study(
         Number of processes; a single process already uses all cores.
     threads : int, optional
         Threads of each process. The bytes do not depend on jobs or threads.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers render instead of processes of this machine. They share the disk.
     frames : range, optional
         Only these frame ids; the dataset is finished once no frame is missing.
     backend : str
@@ -110,7 +114,7 @@ def render_study(
     own = environment_of(environment(chosen) if has_images else {"variant": None})
     work = Work(study, folder, wanted, own, mix_environments, progress, on_warning)
     with ExitStack() as stack:
-        finished = work_through(work, _maker(work, jobs, threads, chosen, stack))
+        finished = work_through(work, _maker(work, jobs, threads, scheduler, chosen, stack))
     if work.lost:
         first, *more = work.lost
         what = "it is" if not more else f"this and {len(more)} more are"
@@ -153,10 +157,12 @@ def _spread(count: int) -> Iterator[int]:
             yield at
 
 
-def _maker(work: Work, jobs: int, threads: int | None, backend: str, stack: ExitStack) -> MakeFrames:
+def _maker(
+    work: Work, jobs: int, threads: int | None, scheduler: str | None, backend: str, stack: ExitStack
+) -> MakeFrames:
     """What renders frames: this process, or its workers, which start with the first frame and end with `stack`."""
     mine: list[Renderer] = []
-    pool: list[WorkerPool] = []
+    pool: list[WorkerPool | ClusterPool] = []
 
     def here(shard: Shard, ids: list[int]) -> Iterator[int | None]:
         if not mine:
@@ -169,12 +175,16 @@ def _maker(work: Work, jobs: int, threads: int | None, backend: str, stack: Exit
         if not pool:
             # Start here first: an error is then known before any process is started.
             start(f"{backend}_ad_mono", threads)
-            arguments = (str(work.study.path), work.study.digest(), str(work.folder), backend, threads, work.mix)
+            study, folder = work.study.path.resolve(), work.folder.path.resolve()
+            arguments = (str(study), work.study.digest(), str(folder), backend, threads, work.mix)
+            if scheduler is not None:
+                pool.append(stack.enter_context(ClusterPool(scheduler, _work, _start_worker, arguments, _stop_worker)))
+                return pool[0].in_order((shard, i) for i in ids)
             died = "the rendering processes died as they started; free some memory, or use fewer --jobs"
             pool.append(stack.enter_context(WorkerPool(jobs, _work, _start_worker, arguments, died)))
         return pool[0].in_order((shard, i) for i in ids)
 
-    return here if jobs == 1 else there
+    return here if jobs == 1 and scheduler is None else there
 
 
 def _start_worker(study_path: str, digest: str, dataset: str, backend: str, threads: int | None, mix: bool) -> None:
@@ -182,7 +192,14 @@ def _start_worker(study_path: str, digest: str, dataset: str, backend: str, thre
     if study.digest() != digest:
         raise UsageError(f"{study_path}: changed while it was being rendered; run again")
     start(f"{backend}_ad_mono", threads)
-    _worker.append(Renderer(study, Folder(Path(dataset)), backend, _own(backend), mix))
+    _stop_worker()  # one of a cluster may have worked for somebody else before
+    _worker[:] = [Renderer(study, Folder(Path(dataset)), backend, _own(backend), mix)]
+
+
+def _stop_worker() -> None:
+    for renderer in _worker:
+        renderer.leave()
+    _worker.clear()
 
 
 def _own(backend: str) -> Environment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from typing import Any
 
 from roundel.datasets.layout.images import Images
@@ -59,3 +60,9 @@ def printed_markers(images: Images, index: int) -> list[dict[str, Any]]:
         if marker["kind"] == "tags" and layout.get("columns") == layout.get("rows") == 1:
             layout.pop("first_id", None)
     return markers
+
+
+def equivalent_diameter_m(marker: dict[str, Any]) -> float:
+    """Diameter of the disc with the area of a print that is no circle; 1 m if an older dataset does not tell."""
+    width, height = marker.get("size_m") or (1.0, 1.0)
+    return math.sqrt(4 * width * height / math.pi)

@@ -14,11 +14,10 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
+from roundel.datasets.cluster import ClusterPool
 from roundel.datasets.layout.contents import Part
 from roundel.datasets.layout.files import CAMERAS, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
@@ -30,7 +29,7 @@ from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import NOT_FOUND, Estimate, estimates_table
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
-from roundel.solver.methods.companions import companions_of, printed_markers
+from roundel.solver.methods.companions import companions_of, equivalent_diameter_m, printed_markers
 from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import NOTHING, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
@@ -57,7 +56,7 @@ _BLOCKS, _LARGEST_BLOCK = 64, 64
 
 @dataclass(frozen=True)
 class _Frame:
-    """One frame to solve: position, id, size of its circles, and a camera for each intrinsics label."""
+    """One frame to solve."""
 
     index: int
     frame_id: int
@@ -76,6 +75,7 @@ def solve_dataset(
     progress: Progress | None = None,
     on_warning: Callable[[str], None] | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
 ) -> dict[str, int]:
     """Estimate the pose of every circle in a dataset.
 
@@ -105,6 +105,8 @@ def solve_dataset(
         frames, and the first reason. Its rows have the reason of each frame.
     jobs : int
         Number of processes. The estimates do not depend on it, to the byte.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve instead of processes of this machine. They share the disk.
 
     Returns
     -------
@@ -128,7 +130,7 @@ def solve_dataset(
     plan = _Plan(run, _specs(intrinsics), groups, frames, only_circles, Path(out_path))
     clear_leftovers(plan.out)
     clear_leftovers(plan.out / PARTS)
-    with closing(_solved(run, plan.missing(), jobs, plan.set_aside)) as solved:
+    with closing(_solved(run, plan.missing(), jobs, scheduler, plan.set_aside)) as solved:
         for count in solved:
             if progress:
                 progress(plan.passed, plan.total)
@@ -193,7 +195,8 @@ class _Plan:
             about = f"{images.dataset_id} {part.images_sha256} {cameras}".encode()
             missing = []
             for block in _blocks(todo):
-                path = self.out / PARTS / part_name(len(self.parts), self._shared, about, pickle.dumps(block))
+                name = part_name(len(self.parts), self._shared, about, pickle.dumps(block))
+                path = self.out.resolve() / PARTS / name  # for workers in other folders
                 self.parts.append(path)
                 if read_part(path) is None:
                     missing.append((block, path))
@@ -241,19 +244,22 @@ def _solved(
     run: _Run,
     work: Iterator[tuple[list[_Frame], Path]],
     jobs: int,
+    scheduler: str | None,
     set_aside: Callable[[_Frame, str], list[Estimate]],
 ) -> Generator[int, None, None]:
     """Solve blocks and write their parts; yields numbers of solved frames."""
     # No more processes than there are blocks.
     first = list(islice(work, jobs))
     work = chain(first, work)
-    if min(jobs, len(first)) <= 1:
+    if min(jobs, len(first)) <= 1 and (scheduler is None or not first):
         for block, part in work:
             yield from _solve_block(run, block, part)
         return
-    shared = pickled((run.images.path, run.knowledge))
+    shared = pickled((run.images.path.resolve(), run.knowledge))
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
-    with WorkerPool(min(jobs, len(first)), _work, _start_worker, (shared, list(run.methods)), died) as pool:
+    work_of = _work, _start_worker, (shared, list(run.methods))
+    pools = WorkerPool(min(jobs, len(first)), *work_of, died) if scheduler is None else ClusterPool(scheduler, *work_of)
+    with pools as pool:
         for done in pool.in_order(after_warm_up(work)):
             if isinstance(done, Lost):
                 yield from _one_by_one(pool, done.item[0], done.item[1], set_aside)
@@ -262,7 +268,7 @@ def _solved(
 
 
 def _one_by_one(
-    pool: WorkerPool, block: list[_Frame], part: Path, set_aside: Callable[[_Frame, str], list[Estimate]]
+    pool: WorkerPool | ClusterPool, block: list[_Frame], part: Path, set_aside: Callable[[_Frame, str], list[Estimate]]
 ) -> Generator[int, None, None]:
     """Solve the frames of a block whose process died twice each by itself; that which it dies of fails."""
     estimates, tally = [], Tally()
@@ -289,7 +295,7 @@ _worker: list[_Run] = []
 def _start_worker(shared: bytes, methods: list[str]) -> None:
     one_opencv_thread()
     path, knowledge = pickle.loads(shared)
-    _worker.append(_Run(open_images(path), load_methods(methods), knowledge))
+    _worker[:] = [_Run(open_images(path), load_methods(methods), knowledge)]
 
 
 def _work(work: tuple[list[_Frame], Path]) -> int:
@@ -355,7 +361,7 @@ def _frames(
         record = images.records[i]
         diameters = [m["diameter_m"] for m in record["markers"] if m["diameter_m"] is not None]
         if not diameters and not only_circles:
-            diameters = [_equivalent_diameter_m(marker) for marker in record["markers"]]
+            diameters = [equivalent_diameter_m(marker) for marker in record["markers"]]
         if not diameters or (groups is not None and record["group"] not in groups):
             continue
         if wanted is not None and record["frame_id"] not in wanted:
@@ -365,12 +371,6 @@ def _frames(
         cameras = {spec.label: uncertain_camera_for(spec, camera, *size, row_time=row_time) for spec in specs}
         out.append(_Frame(i, int(record["frame_id"]), float(diameters[0]), cameras))
     return out
-
-
-def _equivalent_diameter_m(marker: dict[str, Any]) -> float:
-    """Diameter of the disc with the area of a print that is no circle; 1 m if an older dataset does not tell."""
-    width, height = marker.get("size_m") or (1.0, 1.0)
-    return float(np.sqrt(4 * width * height / np.pi))
 
 
 def _input(images: Images, frame: _Frame) -> SolverInput:
