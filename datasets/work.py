@@ -129,11 +129,14 @@ def is_whole(folder: Folder, shards: Iterable[Shard]) -> bool:
 def tidy(folder: Folder, shards: Iterable[Shard], study: Study) -> None:
     """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
     clear_leftovers(folder.path)
+    if (folder.path / ".lock").exists():
+        with finishing(folder):
+            pass  # that of a killed process goes at the end of the block
     for shard in shards:
         here = folder.sub(shard.folder)
-        if any((here.path / name).exists() for name in ("log", ".lock")):
+        if (here.path / "log").exists():
             progress_of(folder, shard, study).remove_logs()
-        for sub in (files.IMAGES, files.RADIANCE):
+        for sub in ("", files.IMAGES, files.RADIANCE):
             clear_leftovers(here.path / sub)
 
 

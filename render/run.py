@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]
 
 # Frames are placed before the first is rendered, evenly spread, until all are or this time is over: an impossible
 # study is refused now.
-_CHECK_S = 2.0
+_CHECK_S = 1.0
 
 # A worker process keeps what it is at from one frame to the next.
 _worker: list[Renderer] = []

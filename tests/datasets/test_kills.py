@@ -90,3 +90,31 @@ def test_killed_at_random_moments(made: Path, tmp_path: Path, name: str) -> None
         assert of_group(process.pid) == []
     run(words, made)
     assert digests(tmp_path / "out") == right
+
+
+@pytest.mark.slow
+def test_sixteen_slices_started_and_killed_at_random(made: Path, tmp_path: Path) -> None:
+    chance = random.Random(16)
+    small_study(tmp_path, *TINY)
+    words = [sys.executable, "-m", "roundel.cli.main", "render", "study.yaml", "ds", "--threads", "1", "--slice"]
+
+    def started(number: int) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*words, f"{number}/16"], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+
+    left = {number: started(number) for number in range(1, 17)}
+    for _ in range(24):
+        time.sleep(chance.uniform(0.1, 1.5))
+        running = [number for number, process in left.items() if process.poll() is None]
+        if running:
+            number = chance.choice(running)
+            left[number].kill()
+            left[number].communicate()
+            left[number] = started(number)
+    for process in left.values():
+        _, said = process.communicate(timeout=300)
+        assert process.returncode == 0, said
+    assert (tmp_path / "ds" / "manifest.json").exists(), "whoever was last finished it"
+    run(command("render", made, tmp_path / "alone"), made)
+    assert digests(tmp_path / "ds") == digests(tmp_path / "alone")

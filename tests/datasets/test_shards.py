@@ -175,3 +175,15 @@ def test_processes_that_render_at_the_same_time_finish_together(tmp_path: Path) 
     assert [process.returncode for process in many] == [0] * 3
     assert all("11 frames" in text for text in said)
     assert digests(tmp_path / "ds") == digests(tmp_path / "alone")
+
+
+def test_what_a_process_killed_at_the_very_end_leaves_is_removed(tmp_path: Path) -> None:
+    made = study(tmp_path)
+    render_study(made, tmp_path / "ds")
+    right = digests(tmp_path / "ds")
+    (tmp_path / "ds" / "log").mkdir()
+    (tmp_path / "ds" / "log" / "00000000-1-1-0.jsonl").write_bytes(b'{"log":1')
+    (tmp_path / "ds" / ".lock").touch()
+    (tmp_path / "ds" / "images" / ".000001.png.x.part").write_bytes(b"half")
+    assert render_study(made, tmp_path / "ds") is not None
+    assert digests(tmp_path / "ds") == right

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers_studies import small_study
-from scipy.stats import kstest
+from scipy.stats import kstest, qmc
 
 from roundel.scenes.errors import StudyError
+from roundel.scenes.study.sampling import _points, stream
 from roundel.scenes.study.study import load_study
 from roundel.scenes.study.values import Spread, parse_value
 from roundel.scenes.world.frame import frame_of, frames_of, total_frames
@@ -104,3 +105,11 @@ def test_paired_groups_draw_the_same(tmp_path: Path) -> None:
 def test_pairs_that_cannot_be_are_refused(tmp_path: Path, groups: str, said: str) -> None:
     with pytest.raises(StudyError, match=said):
         small_study(tmp_path, ("frames: 4\n", f"groups: {groups}\n"))
+
+
+@pytest.mark.parametrize("dimensions", [1, 4, 17])
+@pytest.mark.parametrize("block", [0, 1, 40])
+def test_a_block_of_points_is_found_without_those_before(dimensions: int, block: int) -> None:
+    engine = qmc.Halton(dimensions, scramble=True, rng=np.random.default_rng(stream(5, "main", 0)))
+    engine.fast_forward(block * 256)
+    np.testing.assert_array_equal(_points(dimensions, 5, "main", block), engine.random(256))
