@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from roundel.cli.progress import progress
 from roundel.scenes.errors import DataError
@@ -33,6 +34,24 @@ def readable(address: str) -> Path:
     elif folder.size(MANIFEST) is not None and not read_manifest(folder)[1].complete:
         _warn(f"{address}: not finished: some frames are missing; those that are indexed are used")
     return Path(address)
+
+
+def warn_of_unfinished(study: Any, out: Path, wanted: range | None) -> None:
+    """One line on stderr if frames of a dataset that is not finished are flagged."""
+    from roundel.datasets.flags import warning_of
+    from roundel.datasets.index import progress_of
+    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.work import shards_within
+    from roundel.scenes.world.frame import total_frames
+
+    total = total_frames(study)
+    flagged: list[tuple[int, list[str]]] = []
+    for shard in shards_within(total, wanted or range(total)):
+        entries = progress_of(Folder(out), shard, study).entries
+        flagged += [(i, entry.get("flags", [])) for i, entry in entries.items()]
+    line = warning_of(flagged, len(flagged))
+    if line:
+        _warn(line)
 
 
 def _folder(address: str) -> Path:

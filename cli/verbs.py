@@ -93,7 +93,9 @@ def do_render(arguments: argparse.Namespace) -> int:
     wanted = _wanted(study, arguments)
     dataset = _rendered(study, out, arguments, wanted)
     if dataset is None:
-        _warn_of_unfinished(study, out, wanted)
+        from roundel.cli.dataset_verbs import warn_of_unfinished
+
+        warn_of_unfinished(study, out, wanted)
         print(f"{out}: some frames are missing; run `roundel render` without --frames to complete the dataset")
     else:
         _warn_of_flags(dataset)
@@ -142,24 +144,6 @@ def _warn_of_flags(dataset: Any) -> None:
         line = warning_of(flags_of_rows(rows), len(dataset))
         if line:
             _warn(line)
-
-
-def _warn_of_unfinished(study: Any, out: Path, wanted: range | None) -> None:
-    """The same of some frames of a dataset that is not finished."""
-    from roundel.datasets.flags import warning_of
-    from roundel.datasets.index import progress_of
-    from roundel.datasets.store.folder import Folder
-    from roundel.datasets.work import shards_within
-    from roundel.scenes.world.frame import total_frames
-
-    total = total_frames(study)
-    flagged: list[tuple[int, list[str]]] = []
-    for shard in shards_within(total, wanted or range(total)):
-        entries = progress_of(Folder(out), shard, study).entries
-        flagged += [(i, entry.get("flags", [])) for i, entry in entries.items()]
-    line = warning_of(flagged, len(flagged))
-    if line:
-        _warn(line)
 
 
 def _wanted(study: Any, arguments: argparse.Namespace) -> range | None:

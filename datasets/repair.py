@@ -73,11 +73,11 @@ def _own_study(folder: Folder) -> Study:
             f"{folder}: neither {files.STUDY} nor {files.MANIFEST} can be trusted; give the study with --study"
         )
     # Keys of a manifest are sorted, but the order of the groups counts.
-    study, known = dict(manifest["study"]), manifest["study"].get("groups")
+    resolved, known = dict(manifest["study"]), manifest["study"].get("groups")
     if isinstance(known, dict):
         order = [name for name in manifest.get("groups") or () if name in known]
-        study["groups"] = {name: known[name] for name in (*order, *known)}
-    return _from_manifest(folder, study, str(identity))
+        resolved["groups"] = {name: known[name] for name in (*order, *known)}
+    return _from_manifest(folder, resolved, str(identity))
 
 
 def _from_manifest(folder: Folder, resolved: dict[str, object], identity: str) -> Study:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.folder import Folder, MissingFile
 from roundel.datasets.store.lock import try_lock
 from roundel.datasets.store.owner import is_gone, is_name, own_name
 from roundel.datasets.store.records import Record, line_of, record_of
@@ -45,12 +45,7 @@ class OwnLog:
         # A process may work in a folder more than once.
         self.name = f"{own_name()}-{next(_count)}"
         self.path = Path(folder.sub(f"{FOLDER}/{self.name}{_SUFFIX}").path)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-        try:
-            make_folder(self.path.parent)
-            self._file = os.open(self.path, flags, 0o666)
-        except OSError as error:
-            raise write_failure(self.path, error) from error
+        self._file = self._opened()
         try_lock(self._file, exclusive=True, wait=True)
         self._size = 0
         try:
@@ -62,6 +57,17 @@ class OwnLog:
         except DataError:
             self._drop()
             raise
+
+    def _opened(self) -> int:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        while True:
+            try:
+                make_folder(self.path.parent)
+                return os.open(self.path, flags, 0o666)
+            except FileNotFoundError:
+                continue  # whoever has finished the shard removed the folder in this moment
+            except OSError as error:
+                raise write_failure(self.path, error) from error
 
     def append(self, *records: Record, durable: bool = True) -> None:
         """Append records; if `durable`, they are on disk when this returns.
@@ -129,8 +135,12 @@ class Logs:
         """
         for name in self.names():
             log = self._known.setdefault(name, _Followed())
+            try:
+                data = self._read(name, log)
+            except MissingFile:
+                continue  # whoever has finished the shard removes the logs
             # A line that is not whole yet is read again.
-            *lines, log.rest = (log.rest + self._read(name, log)).split(b"\n")
+            *lines, log.rest = (log.rest + data).split(b"\n")
             for line in lines:
                 record = record_of(line)
                 if record is None:
