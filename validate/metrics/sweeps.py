@@ -30,8 +30,12 @@ def _first_frames(dataset: Dataset) -> dict[str, tuple[int, int]]:
     first, out = 0, {}
     # Keys of a manifest are sorted: their order is told apart.
     for name in dataset.manifest.get("groups") or ():
-        out[name] = first, frame_count(GroupSection.model_validate(sections[name]))
-        first += out[name][1]
+        try:
+            count = frame_count(GroupSection.model_validate(sections[name]))
+        except (ValueError, KeyError) as error:
+            raise DataError(f"{dataset.path}: the study in its manifest is damaged: group {name!r:.80}") from error
+        out[name] = first, count
+        first += count
     if out:
         return out
     frames: dict[str, list[int]] = {}
