@@ -6,10 +6,9 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-from roundel.datasets.layout import files
 from roundel.datasets.layout.schema import EntryRecord, checked
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder, Listed
+from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import line_of, record_of
 from roundel.scenes.errors import DataError
 
@@ -58,19 +57,6 @@ def _old(line: bytes) -> Entry | None:
     except (ValueError, RecursionError, DataError):
         return None
     return entry if isinstance(entry, dict) else None
-
-
-def read_journal(folder: Folder, shard: Shard, listed: Listed, remedy: str) -> dict[int, Entry]:
-    """Entries of a finished shard by frame id.
-
-    Raises
-    ------
-    DataError
-        If the journal is missing or was altered.
-    """
-    name = shard.name(files.JOURNAL)
-    data = folder.read_checked(name, listed, remedy)
-    return entries_of(data, folder.place(name))[0]
 
 
 def is_done(folder: Folder, shard: Shard, entry: Entry) -> bool:

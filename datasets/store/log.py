@@ -155,10 +155,6 @@ class Logs:
         log.at += len(data)
         return data
 
-    def headers(self) -> dict[str, Record]:
-        """First records of the logs that were read, by name."""
-        return {name: log.header for name, log in self._known.items() if log.header is not None}
-
     def is_live(self, name: str) -> bool:
         """Whether the process of a log still works on it."""
         path = Path(self.folder.sub(f"{FOLDER}/{name}{_SUFFIX}").path)
