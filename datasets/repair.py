@@ -7,6 +7,7 @@ records follow from the study and these lines.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from roundel.datasets.resume import held_study
 from roundel.datasets.store.folder import Folder, Listed
 from roundel.datasets.store.log import FOLDER as LOG
 from roundel.datasets.store.writing import leftovers, write_file
-from roundel.scenes.errors import DataError, RoundelError
+from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import total_frames
 
@@ -48,10 +49,26 @@ def study_to_repair(folder: Folder, source: str | Path | None) -> Study:
     UsageError
         If the given study is another one.
     """
-    study = load_study(source) if source is not None else _own_study(folder)
+    study = _own_study(folder) if source is None else load_study(source)
+    # Frames of another study would be taken for damage, and removed.
+    known = _identities(folder)
+    if known and study.digest() not in known:
+        raise UsageError(
+            f"{source or folder}: is not the study of this dataset; give the one that it was rendered from"
+        )
     if folder.size(files.STUDY) is None or folder.read(files.STUDY) != study_bytes(study):
         folder.write(files.STUDY, study_bytes(study))
     return study
+
+
+def _identities(folder: Folder) -> list[str]:
+    """The dataset_id as the manifest and the study of the dataset have it, as far as they can be read."""
+    found = []
+    with suppress(RoundelError):
+        found.append(read_manifest(folder)[1].dataset_id)
+    with suppress(RoundelError):
+        found.append(held_study(folder).digest())
+    return found
 
 
 def _own_study(folder: Folder) -> Study:

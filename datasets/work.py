@@ -31,7 +31,7 @@ from roundel.scenes.world.frame import total_frames
 # claimed, or what is left of one whose processes died.
 MakeFrames = Callable[[Shard, list[int]], Iterator[int | Lost[tuple[Shard, int]] | None]]
 
-# Without news for this long, frames that another process has claimed are made here, too: it may hang.
+# Without news for this long, a process that has claimed the last frames is given up: it may hang.
 _PATIENCE_S = 120.0
 _POLL_S = 0.2
 
@@ -249,7 +249,7 @@ def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames
         free = [i for i in missing if not state.is_claimed(i)]
         impatient = time.monotonic() > patient_until
         made = 0
-        for result in make(state.shard, missing if impatient else free):
+        for result in make(state.shard, free):
             if isinstance(result, Lost):
                 work.lost.append(result)
                 set_aside.add(result.item[1])
@@ -259,7 +259,10 @@ def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames
                 work.say(1)
         if not made:
             if impatient:
-                raise DataError(f"{work.folder}: frame {missing[0]} is claimed by a process that does not finish it")
+                raise DataError(
+                    f"{work.folder}: frame {missing[0]} is claimed by a process that does not finish it; end it, "
+                    "or remove its file in log/ if it is gone, and run the command again"
+                )
             time.sleep(_POLL_S)
 
 

@@ -187,3 +187,11 @@ def test_what_a_process_killed_at_the_very_end_leaves_is_removed(tmp_path: Path)
     (tmp_path / "ds" / "images" / ".000001.png.x.part").write_bytes(b"half")
     assert render_study(made, tmp_path / "ds") is not None
     assert digests(tmp_path / "ds") == right
+
+
+def test_another_study_does_not_repair(whole: Path, tmp_path: Path, capsys) -> None:
+    shutil.copytree(whole, tmp_path / "ds")
+    small_study(tmp_path, *TINY, ("seed: 3", "seed: 4"), name="other.yaml")
+    assert main(["repair", str(tmp_path / "ds"), "--study", str(tmp_path / "other.yaml")]) == 2
+    assert "is not the study of this dataset" in capsys.readouterr().err
+    assert digests(tmp_path / "ds") == digests(whole)
