@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from roundel.cli.progress import progress
 from roundel.scenes.errors import DataError
+
+if TYPE_CHECKING:
+    from roundel.datasets.store.store import Store
 
 _SHOWN = 20
 
@@ -17,13 +19,13 @@ def _warn(line: str) -> None:
     print(f"roundel: warning: {line}", file=sys.stderr)
 
 
-def readable(address: str) -> Path:
-    """The folder of a dataset; of one that is not finished, the frames there are are indexed first, with a warning."""
+def readable(address: str) -> str:
+    """The address of a dataset; of one that is not finished, the frames there are are indexed first, with a warning."""
     from roundel.datasets.layout.files import MANIFEST, STUDY
     from roundel.datasets.layout.manifest import read_manifest
-    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.store.addresses import store_at
 
-    folder = Folder(Path(address))
+    folder = store_at(address)
     if folder.size(MANIFEST) is None and folder.size(STUDY) is not None:
         from roundel.datasets.environment import environment_of
         from roundel.datasets.index import index_frames
@@ -33,33 +35,36 @@ def readable(address: str) -> Path:
             _warn(f"{address}: not finished: {done} of {total} frames are there, and are used")
     elif folder.size(MANIFEST) is not None and not read_manifest(folder)[1].complete:
         _warn(f"{address}: not finished: some frames are missing; those that are indexed are used")
-    return Path(address)
+    return address
 
 
-def warn_of_unfinished(study: Any, out: Path, wanted: range | None) -> None:
+def warn_of_unfinished(study: Any, out: str, wanted: range | None) -> None:
     """One line on stderr if frames of a dataset that is not finished are flagged."""
     from roundel.datasets.flags import warning_of
     from roundel.datasets.index import progress_of
-    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.store.addresses import store_at
     from roundel.datasets.work import shards_within
     from roundel.scenes.world.frame import total_frames
 
     total = total_frames(study)
     flagged: list[tuple[int, list[str]]] = []
     for shard in shards_within(total, wanted or range(total)):
-        entries = progress_of(Folder(out), shard, study).entries
+        entries = progress_of(store_at(out), shard, study).entries
         flagged += [(i, entry.get("flags", [])) for i, entry in entries.items()]
     line = warning_of(flagged, len(flagged))
     if line:
         _warn(line)
 
 
-def _folder(address: str) -> Path:
-    path = Path(address)
-    if not path.is_dir():
-        what = "it is a file, but a dataset is a folder" if path.exists() else "there is no such folder"
-        raise DataError(f"{path}: not a dataset: {what}")
-    return path
+def _there(address: str) -> Store:
+    """A dataset that must be there."""
+    from roundel.datasets.store.addresses import store_at
+
+    folder = store_at(address)
+    absence = folder.absence()
+    if absence:
+        raise DataError(f"{folder}: not a dataset: {absence}")
+    return folder
 
 
 def verify(arguments: argparse.Namespace) -> int:
@@ -67,13 +72,12 @@ def verify(arguments: argparse.Namespace) -> int:
     from roundel.datasets.fidelity.summary import fidelity_lines
     from roundel.datasets.layout.contents import read_contents
     from roundel.datasets.layout.manifest import read_manifest
-    from roundel.datasets.store.folder import Folder
     from roundel.datasets.verify import verify_dataset
 
-    path = _folder(arguments.dataset)
-    manifest, _ = read_manifest(Folder(path))
+    path = _there(arguments.dataset)
+    manifest, _ = read_manifest(path)
     with progress("verify") as show:
-        findings = verify_dataset(path, arguments.full, show)
+        findings = verify_dataset(arguments.dataset, arguments.full, show)
     if findings:
         for finding in findings[:_SHOWN]:
             print(finding)
@@ -81,7 +85,7 @@ def verify(arguments: argparse.Namespace) -> int:
     if not manifest.get("complete", True):
         _warn(f"{path}: not finished: some frames are missing")
     depth = "all checksums match" if arguments.full else "sizes match; --full compares checksums"
-    number = sum(1 for _ in read_contents(Folder(path)).listed())
+    number = sum(1 for _ in read_contents(path).listed())
     print(f"{path}: {number} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
     print("\n".join(fidelity_lines(manifest.get("fidelity"))))
     return 0
@@ -90,10 +94,9 @@ def verify(arguments: argparse.Namespace) -> int:
 def repair(arguments: argparse.Namespace) -> int:
     """Restore what `verify --full` finds."""
     from roundel.datasets.repair import study_to_repair, take_away_damage
-    from roundel.datasets.store.folder import Folder
     from roundel.render.run import render_study
 
-    folder = Folder(_folder(arguments.dataset))
+    folder = _there(arguments.dataset)
     study = study_to_repair(folder, arguments.study)
     with progress("verify") as show:
         found = take_away_damage(folder, study, show)
@@ -106,7 +109,7 @@ def repair(arguments: argparse.Namespace) -> int:
         )
     with progress("render") as show:
         dataset = render_study(
-            study, folder.path, backend="auto", mix_environments=arguments.mix_environments, progress=show
+            study, arguments.dataset, backend="auto", mix_environments=arguments.mix_environments, progress=show
         )
     assert dataset is not None, "all frames were wanted"
     counts = (len(found.frames), len(found.records), len(found.litter))
@@ -122,7 +125,7 @@ def merge(arguments: argparse.Namespace) -> int:
 
     with progress("merge") as show:
         missing, total = merge_datasets(
-            [_folder(part) for part in arguments.parts], Path(arguments.out), arguments.mix_environments, show
+            [str(_there(part)) for part in arguments.parts], arguments.out, arguments.mix_environments, show
         )
     state = "complete" if not missing else f"{missing} frames are still missing"
     print(f"{arguments.out}: {total - missing} of {total} frames, {state}")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.cli.progress import progress
+from roundel.datasets.store.addresses import is_url
 from roundel.scenes.errors import UsageError
 
 VIDEO_SUFFIXES = (
@@ -24,10 +25,10 @@ def are_photographs(inputs: list[str]) -> bool:
     UsageError
         If they mix datasets and photographs, or are several datasets or a folder of photographs.
     """
-    folders = [text for text in inputs if Path(text).is_dir()]
+    folders = [text for text in inputs if is_url(text) or Path(text).is_dir()]
     if folders and len(inputs) > 1:
         raise UsageError(f"{folders[0]}: is a folder; give a single dataset, or the photographs in it by name")
-    if folders and not (Path(folders[0]) / "manifest.json").exists():
+    if folders and not is_url(folders[0]) and not (Path(folders[0]) / "manifest.json").exists():
         image = next((p for p in sorted(Path(folders[0]).iterdir()) if p.suffix.lower() in _SUFFIXES), None)
         if image is not None:
             raise UsageError(
@@ -45,7 +46,11 @@ def is_video(inputs: list[str]) -> bool:
     UsageError
         If it is one of several inputs.
     """
-    videos = [text for text in inputs if Path(text).suffix.lower() in VIDEO_SUFFIXES and not Path(text).is_dir()]
+    videos = [
+        text
+        for text in inputs
+        if Path(text).suffix.lower() in VIDEO_SUFFIXES and not (is_url(text) or Path(text).is_dir())
+    ]
     if videos and len(inputs) > 1:
         raise UsageError(f"{videos[0]}: is a video; give a single one")
     return bool(videos)

@@ -64,9 +64,13 @@ def _is_of_study(label: str) -> bool:
     return label == "calibrated" or IntrinsicsLabel.of(label).views is not None
 
 
-def _room_for(study: Any, out: Path) -> None:
+def _room_for(study: Any, address: str | Path) -> None:
     from roundel.cli.cost import disk_bytes
+    from roundel.datasets.store.addresses import is_url
 
+    if is_url(address):
+        return  # nothing tells how much a store has left
+    out = Path(address)
     folder = next(p for p in (out, *out.absolute().parents) if p.exists())
     free, needed = shutil.disk_usage(folder).free, disk_bytes(study)
     if needed > free:
@@ -88,7 +92,7 @@ def do_init(arguments: argparse.Namespace) -> int:
 
 def do_render(arguments: argparse.Namespace) -> int:
     """Render a study to a dataset."""
-    study, out = _study(arguments.study), Path(arguments.dataset)
+    study, out = _study(arguments.study), arguments.dataset
     _room_for(study, out)
     wanted = _wanted(study, arguments)
     dataset = _rendered(study, out, arguments, wanted)
@@ -104,7 +108,7 @@ def do_render(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rendered(study: Any, dataset: Path, arguments: argparse.Namespace, frames: range | None) -> Any:
+def _rendered(study: Any, dataset: str | Path, arguments: argparse.Namespace, frames: range | None) -> Any:
     from roundel.render.run import render_study
 
     with progress("render") as show:
@@ -179,13 +183,13 @@ def do_solve(arguments: argparse.Namespace) -> int:
     from roundel.cli.dataset_verbs import readable
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest
-    from roundel.datasets.store.folder import Folder
+    from roundel.datasets.store.addresses import store_at
     from roundel.solver.methods.solve import solve_dataset
 
     dataset = readable(arguments.inputs[0])
     # Opened first: for a folder that is not a dataset, this error is clearer than that of the missing study.
     groups = open_images(dataset).group_names
-    wanted = read_manifest(Folder(dataset))[0]["study"].get("solve", {})
+    wanted = read_manifest(store_at(dataset))[0]["study"].get("solve", {})
     chosen = arguments.group or wanted.get("groups")
     for group in chosen or []:
         if group not in groups:

@@ -17,6 +17,7 @@ from roundel.datasets.layout.contents import Contents, Part, joined_digest
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.truth_table import TRUTH_SCHEMA
+from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.verify import Finding, verify_dataset
 from roundel.scenes.camera.model import Camera
@@ -25,12 +26,11 @@ from roundel.scenes.errors import DataError, first_line
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset on disk.
+    """A dataset.
 
     `manifest` is that of the whole; `truth_of` reads the truth of a shard, `truth` that of all.
     """
 
-    path: Path
     images: Images
     manifest: dict[str, Any]
     kept_truth: pa.Table | None = None
@@ -38,6 +38,25 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.images)
+
+    @property
+    def address(self) -> str:
+        """Where it is: a folder, or a URL."""
+        return self.images.address
+
+    @property
+    def path(self) -> Path:
+        """Its folder, if it is on a disk of this machine.
+
+        Raises
+        ------
+        DataError
+            If it is elsewhere.
+        """
+        folder = self.contents.folder
+        if not isinstance(folder, Folder):
+            raise DataError(f"{folder}: is not on a disk; `roundel pull` copies it there")
+        return folder.path
 
     @property
     def contents(self) -> Contents:
@@ -49,7 +68,7 @@ class Dataset:
         if len(self.contents.parts) == 1:
             return self
         contents = replace(self.contents, parts=(self.contents.parts[number],))
-        return Dataset(self.path, Images(self.path, CameraRecords(contents), contents), self.manifest)
+        return Dataset(Images(CameraRecords(contents), contents), self.manifest)
 
     @cached_property
     def truth(self) -> pa.Table:
@@ -95,7 +114,7 @@ class Dataset:
 
     def verify(self, full: bool = False) -> list[Finding]:
         """Problems with the files; an empty list if there are none. See `datasets.verify`."""
-        return verify_dataset(self.path, full=full)
+        return verify_dataset(self.address, full=full)
 
 
 def checked_truth(data: bytes, place: str) -> pa.Table:
@@ -122,18 +141,17 @@ def checked_truth(data: bytes, place: str) -> pa.Table:
     return truth
 
 
-def open_dataset(path: str | Path) -> Dataset:
-    """Open a dataset.
+def open_dataset(path: Address) -> Dataset:
+    """Open a dataset: its folder, or its address in an object store, such as s3://bucket/name.
 
     Raises
     ------
     DataError
         If the folder is not a dataset, is not finished, or its records are corrupt.
     """
-    path = Path(path)
     images = open_images(path)
-    manifest, _ = read_manifest(Folder(path))
-    dataset = Dataset(path, images, manifest)
+    manifest, _ = read_manifest(images.contents.folder)
+    dataset = Dataset(images, manifest)
     if len(images.contents.parts) == 1:
         _ = dataset.truth  # of a small one, say what is wrong now
     return dataset

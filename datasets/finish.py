@@ -23,8 +23,8 @@ from roundel.datasets.layout.contents import images_digest, joined_digest
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
-from roundel.datasets.store.folder import Folder, Listed
 from roundel.datasets.store.records import document_of
+from roundel.datasets.store.store import Listed, Store
 from roundel.datasets.store.writing import sha256
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.camera.row_time import row_time_to_json
@@ -86,7 +86,7 @@ class Frames:
 
 
 def finish_shard(
-    study: Study, folder: Folder, shard: Shard, done: Frames, developed_from: str | None = None
+    study: Study, folder: Store, shard: Shard, done: Frames, developed_from: str | None = None
 ) -> dict[str, Any]:
     """Write the tables and the journal of a shard and, where there are several, its record.
 
@@ -95,7 +95,7 @@ def finish_shard(
     Parameters
     ----------
     study : Study
-    folder : Folder
+    folder : Store
         The dataset.
     shard : Shard
     done : Frames
@@ -173,9 +173,7 @@ class _Contents:
     points: dict[str, list[Any]]
 
 
-def _collect(
-    study: Study, folder: Folder, shard: Shard, entries: Mapping[int, journal.Entry]
-) -> tuple[_Contents, bool]:
+def _collect(study: Study, folder: Store, shard: Shard, entries: Mapping[int, journal.Entry]) -> tuple[_Contents, bool]:
     """Place every frame again and compute its truth; also whether no frame is missing."""
     contents = _Contents([], [], [], {name: [] for name in POINTS_SCHEMA.names})
     complete = True
@@ -183,7 +181,7 @@ def _collect(
         if frame.settings.mode == "images" and frame.frame_id not in entries:
             complete = False
             continue
-        check_numbers(folder.path, frame, entries.get(frame.frame_id))
+        check_numbers(str(folder), frame, entries.get(frame.frame_id))
         entry = entries.get(frame.frame_id, {})
         photometry = entry.get("photometry", {})
         parts = [(view, part) for view in frame.views() for part in view.sheet.parts]
@@ -219,7 +217,7 @@ def _tables(contents: _Contents) -> dict[str, bytes]:
     return written
 
 
-def _write_timings(here: Folder, seconds: Mapping[int, Mapping[str, float]]) -> None:
+def _write_timings(here: Store, seconds: Mapping[int, Mapping[str, float]]) -> None:
     """Timings of the frames that have any, with those that are there already; they are in no checksum."""
     if seconds:
         whole = {**_old_timings(here), **seconds}
@@ -227,7 +225,7 @@ def _write_timings(here: Folder, seconds: Mapping[int, Mapping[str, float]]) -> 
         here.write(files.TIMINGS, "".join(f"{line}\n" for line in lines).encode())
 
 
-def _old_timings(here: Folder) -> dict[int, dict[str, float]]:
+def _old_timings(here: Store) -> dict[int, dict[str, float]]:
     try:
         records = [json.loads(line) for line in here.read(files.TIMINGS).splitlines()]
         return {int(record["frame_id"]): record for record in records}
@@ -237,7 +235,7 @@ def _old_timings(here: Folder) -> dict[int, dict[str, float]]:
 
 def write_manifest(
     study: Study,
-    folder: Folder,
+    folder: Store,
     shards: list[tuple[Shard, dict[str, Any]]],
     own: Environment,
 ) -> dict[str, Any]:
@@ -246,7 +244,7 @@ def write_manifest(
     Parameters
     ----------
     study : Study
-    folder : Folder
+    folder : Store
     shards : list of (Shard, dict)
         The shards that are there, with their records.
     own : dict

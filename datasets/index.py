@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import Any
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, key_of
@@ -13,8 +12,8 @@ from roundel.datasets.layout.manifest import read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
 from roundel.datasets.resume import held_study, recorded_environments
-from roundel.datasets.store.folder import Folder
-from roundel.datasets.store.lock import one_at_a_time
+from roundel.datasets.store.addresses import Address, store_at
+from roundel.datasets.store.store import Store
 from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import group_ranges, total_frames
@@ -22,12 +21,12 @@ from roundel.scenes.world.frame import group_ranges, total_frames
 Records = list[tuple[Shard, dict[str, Any]]]
 
 
-def finishing(folder: Folder) -> AbstractContextManager[None]:
+def finishing(folder: Store) -> AbstractContextManager[None]:
     """A block in which one process at a time writes tables and records of a dataset; the others wait."""
-    return one_at_a_time(folder.path / ".lock")
+    return folder.alone()
 
 
-def progress_of(folder: Folder, shard: Shard, study: Study) -> ShardProgress:
+def progress_of(folder: Store, shard: Shard, study: Study) -> ShardProgress:
     """The state of a shard of a study's dataset."""
     return ShardProgress(folder, shard, study.digest(), recorded_environments(folder, shard))
 
@@ -42,7 +41,7 @@ def image_ids(study: Study, shard: Shard) -> list[int]:
     ]
 
 
-def finished_record(folder: Folder, shard: Shard, dataset_id: str) -> dict[str, Any] | None:
+def finished_record(folder: Store, shard: Shard, dataset_id: str) -> dict[str, Any] | None:
     """The record of a shard that is complete, `slim`; None if it is not, or its record is damaged."""
     if not shard.folder:
         return None
@@ -57,7 +56,7 @@ def finished_record(folder: Folder, shard: Shard, dataset_id: str) -> dict[str, 
 
 def finish_frames(
     study: Study,
-    folder: Folder,
+    folder: Store,
     state: ShardProgress,
     own: Environment,
     mix: bool,
@@ -79,7 +78,7 @@ def finish_frames(
     return finish_shard(study, folder, state.shard, Frames(state.entries, state.seconds, known), developed_from)
 
 
-def finish_dataset(study: Study, folder: Folder, records: Records, own: Environment, mix: bool) -> dict[str, Any]:
+def finish_dataset(study: Study, folder: Store, records: Records, own: Environment, mix: bool) -> dict[str, Any]:
     """Write the manifest over shards that are finished.
 
     Raises
@@ -98,7 +97,7 @@ def finish_dataset(study: Study, folder: Folder, records: Records, own: Environm
     return write_manifest(study, folder, records, own)
 
 
-def index_frames(path: str | Path, own: Environment) -> tuple[int, int]:
+def index_frames(path: Address, own: Environment) -> tuple[int, int]:
     """Index an unfinished dataset over the frames that are done, so that it can be read; others may go on rendering.
 
     Returns
@@ -111,7 +110,7 @@ def index_frames(path: str | Path, own: Environment) -> tuple[int, int]:
     DataError
         If no frame is done, or a file cannot be written.
     """
-    folder = Folder(Path(path))
+    folder = store_at(path)
     study = held_study(folder)
     with finishing(folder):
         # Until the new manifest is there, nobody reads new tables by the old one.

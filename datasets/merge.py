@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
@@ -11,7 +10,8 @@ from roundel.datasets.layout import journal
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
 from roundel.datasets.resume import held_study, prepare
-from roundel.datasets.store.folder import Folder, Listed
+from roundel.datasets.store.addresses import Address, store_at
+from roundel.datasets.store.store import Listed, Store
 from roundel.datasets.work import Participant, Work, finish_what_is_complete, is_whole, tidy
 from roundel.scenes.errors import NotComparableError
 from roundel.scenes.study.study import Study
@@ -21,7 +21,7 @@ Progress = Callable[[int, int], None]
 
 
 def merge_datasets(
-    parts: Sequence[str | Path], out: str | Path, mix_environments: bool = False, progress: Progress | None = None
+    parts: Sequence[Address], out: Address, mix_environments: bool = False, progress: Progress | None = None
 ) -> tuple[int, int]:
     """Copy the finished frames of several datasets of a study into one, and finish what is complete.
 
@@ -29,9 +29,9 @@ def merge_datasets(
 
     Parameters
     ----------
-    parts : sequence of path
-        Folders, finished or not; they are not changed.
-    out : path
+    parts : sequence of path or str
+        Datasets, finished or not; they are not changed.
+    out : path or str
         A new or empty folder, or a dataset of the same study.
     mix_environments : bool
         Join frames of several versions or machines, whose last bits may differ.
@@ -53,7 +53,7 @@ def merge_datasets(
         If a file is damaged or cannot be written, or the environments differ.
     """
     study, folders = _one_study(parts)
-    target = prepare(study, Path(out))
+    target = prepare(study, out)
     shards = shards_of(total_frames(study))
     total = sum(len(image_ids(study, shard)) for shard in shards)
     missing = done = 0
@@ -79,8 +79,8 @@ def merge_datasets(
     return missing, total
 
 
-def _one_study(parts: Sequence[str | Path]) -> tuple[Study, list[Folder]]:
-    folders = [Folder(Path(part)) for part in parts]
+def _one_study(parts: Sequence[Address]) -> tuple[Study, list[Store]]:
+    folders = [store_at(part) for part in parts]
     studies = [held_study(folder) for folder in folders]
     for folder, study in zip(folders, studies, strict=True):
         if study.digest() != studies[0].digest():
@@ -91,7 +91,7 @@ def _one_study(parts: Sequence[str | Path]) -> tuple[Study, list[Folder]]:
     return studies[0], folders
 
 
-def _one_environment(target: Folder, states: list[ShardProgress], own: Environment) -> Environment:
+def _one_environment(target: Store, states: list[ShardProgress], own: Environment) -> Environment:
     """The environment of all frames of a shard: that of the first frame there is."""
     known: dict[str, Environment] = {}
     keys: list[tuple[int, str | None]] = []
@@ -103,7 +103,7 @@ def _one_environment(target: Folder, states: list[ShardProgress], own: Environme
     return first
 
 
-def _copy(study: Study, target: Folder, shard: Shard, source: ShardProgress, wanted: set[int], mix: bool) -> set[int]:
+def _copy(study: Study, target: Store, shard: Shard, source: ShardProgress, wanted: set[int], mix: bool) -> set[int]:
     """Copy frames of a shard; returns their ids."""
     copied: set[int] = set()
     by_environment: dict[str, list[journal.Entry]] = {}

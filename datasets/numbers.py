@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from roundel.datasets.layout import journal
 from roundel.scenes.errors import DataError, RoundelError
 from roundel.scenes.study.identity import frame_digest
@@ -17,7 +15,7 @@ KEY = "numbers_sha256"
 _SOME = 9
 
 
-def check_numbers(dataset: Path, frame: Frame, entry: journal.Entry | None) -> None:
+def check_numbers(dataset: str, frame: Frame, entry: journal.Entry | None) -> None:
     """Refuse a frame that was rendered with other values; a line without a checksum, or a missing line, passes.
 
     Raises
@@ -32,7 +30,7 @@ def check_numbers(dataset: Path, frame: Frame, entry: journal.Entry | None) -> N
         )
 
 
-def check_resumable(dataset: Path, study: Study, entries: dict[int, journal.Entry]) -> None:
+def check_resumable(dataset: str, study: Study, entries: dict[int, journal.Entry]) -> None:
     """Refuse to add frames to existing ones, unless some of them, evenly spread, were drawn alike.
 
     Raises

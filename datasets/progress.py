@@ -1,7 +1,8 @@
 """What is done in a shard, and by whom: its journal, and the logs of all processes that work there.
 
 Each process claims a frame before it renders it and records it when its files are safe, in a log of its own. Claims
-keep processes out of each other's way: two that render the same frame all the same write the same bytes.
+keep processes out of each other's way: two that render the same frame all the same write the same bytes. So a claim
+holds as long as its process runs, but not longer than some frames take without news of it: it may hang.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from roundel.datasets.environment import Environment, key_of
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.schema import HeaderRecord, LogRecord, checked
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder, MissingFile
-from roundel.datasets.store.log import Logs, OwnLog
-from roundel.datasets.store.writing import clear_leftovers, sha256
+from roundel.datasets.store.log import LEASE_S, Logs, OwnLog
+from roundel.datasets.store.store import MissingFile, Store
+from roundel.datasets.store.writing import sha256
+
+# A claim holds without news for this many times the longest frame, and for two minutes at least.
+_PATIENCE = 10
 
 
 class ShardProgress:
@@ -33,7 +37,7 @@ class ShardProgress:
     """
 
     def __init__(
-        self, folder: Folder, shard: Shard, dataset_id: str, environments: dict[str, Environment] | None = None
+        self, folder: Store, shard: Shard, dataset_id: str, environments: dict[str, Environment] | None = None
     ) -> None:
         self.folder, self.shard, self.dataset_id = folder, shard, dataset_id
         self.here = folder.sub(shard.folder)
@@ -45,6 +49,7 @@ class ShardProgress:
         self._logs = Logs(self.here)
         self._claims: dict[int, set[str]] = {}
         self._own: OwnLog | None = None
+        self._lease_s = LEASE_S
         self._read_journal()
         self.refresh()
         self.notes += self._logs.cut()
@@ -66,7 +71,7 @@ class ShardProgress:
     def refresh(self) -> None:
         """Read what was recorded since the last time."""
         for name, header, record in self._logs.new_records():
-            place = self.folder.place(self.shard.name(f"log/{name}.jsonl"))
+            place = self._logs.place(name)
             about = checked(HeaderRecord, header, place)
             found = checked(LogRecord, record, place)
             if about.dataset_id != self.dataset_id:
@@ -79,15 +84,36 @@ class ShardProgress:
                 self.environments[key] = header["environment"]
                 self.mixed |= about.mix
                 self.seconds[found.entry.frame_id] = found.seconds
+                self._claims.get(found.entry.frame_id, set()).discard(name)
+                self._lease_s = max(self._lease_s, _PATIENCE * sum(found.seconds.values()))
 
     def drop_damaged(self) -> list[int]:
         """Forget frames whose files are missing or altered; returns their ids. Such files are removed."""
-        dropped = [i for i, entry in self.entries.items() if not self._is_whole(entry)]
+        sizes = self.sizes()
+        dropped = [i for i, entry in self.entries.items() if not self._is_whole(entry, sizes)]
         for i in dropped:
             self.here.remove(*self.entries.pop(i)["files"])
         return sorted(dropped)
 
-    def _is_whole(self, entry: journal.Entry) -> bool:
+    def drop_incomplete(self) -> list[int]:
+        """Forget frames of which a file is missing or has another size than was recorded; returns their ids."""
+        sizes = self.sizes()
+        gone = [i for i, e in self.entries.items() if any(sizes.get(n) != f["bytes"] for n, f in e["files"].items())]
+        for i in gone:
+            del self.entries[i]
+        return gone
+
+    def sizes(self) -> dict[str, int]:
+        """Bytes of the files of frames, by name within the shard."""
+        return {
+            f"{sub}/{n}": size for sub in (files.IMAGES, files.RADIANCE) for n, size in self.here.sizes(sub).items()
+        }
+
+    def _is_whole(self, entry: journal.Entry, sizes: dict[str, int]) -> bool:
+        if any(sizes.get(name) != listed["bytes"] for name, listed in entry["files"].items()):
+            return False
+        if not self.here.decays:
+            return True
         try:
             found = {name: self.here.read(name) for name in entry["files"]}
         except MissingFile:
@@ -97,10 +123,9 @@ class ShardProgress:
             for name, listed in entry["files"].items()
         )
 
-    def clear_leftovers(self) -> int:
-        """Remove temporary files of processes that are gone; returns their number."""
-        folders = [self.here.path, *(self.here.path / name for name in (files.IMAGES, files.RADIANCE, "log"))]
-        return sum(clear_leftovers(folder) for folder in folders)
+    def clear_leftovers(self) -> None:
+        """Remove temporary files of processes that are gone."""
+        self.here.clear_leftovers("", files.IMAGES, files.RADIANCE, "log")
 
     def is_done(self, frame_id: int) -> bool:
         """Whether a frame is recorded and its files are there, with their recorded sizes."""
@@ -130,7 +155,7 @@ class ShardProgress:
         self.refresh()
         # Of two that claimed it in the same moment the first by name goes on; should both, they write the same bytes.
         first = min(self._claims[frame_id])
-        return first == self._own.name or not self._logs.is_live(first)
+        return first == self._own.name or not self._logs.is_live(first, self._lease_s)
 
     def record(self, entry: journal.Entry, seconds: dict[str, float]) -> None:
         """Record a finished frame, whose files are safely on disk.
@@ -146,7 +171,7 @@ class ShardProgress:
     def is_claimed(self, frame_id: int) -> bool:
         """Whether another process that still works has claimed the frame."""
         own = None if self._own is None else self._own.name
-        return any(self._logs.is_live(name) for name in self._claims.get(frame_id, ()) if name != own)
+        return any(self._logs.is_live(name, self._lease_s) for name in self._claims.get(frame_id, ()) if name != own)
 
     def close(self) -> None:
         """Close the log of this process; it stays until the shard is finished."""

@@ -18,9 +18,7 @@ from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.resume import held_study
-from roundel.datasets.store.folder import Folder, Listed
-from roundel.datasets.store.log import FOLDER as LOG
-from roundel.datasets.store.writing import leftovers, write_file
+from roundel.datasets.store.store import LOG, Listed, Store
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import total_frames
@@ -39,7 +37,7 @@ class Damage:
     developed: bool = False
 
 
-def study_to_repair(folder: Folder, source: str | Path | None) -> Study:
+def study_to_repair(folder: Store, source: str | Path | None) -> Study:
     """The study of a damaged dataset: as given, from its own file, or from its manifest; its file is restored.
 
     Raises
@@ -61,7 +59,7 @@ def study_to_repair(folder: Folder, source: str | Path | None) -> Study:
     return study
 
 
-def _identities(folder: Folder) -> list[str]:
+def _identities(folder: Store) -> list[str]:
     """The dataset_id as the manifest and the study of the dataset have it, as far as they can be read."""
     found = []
     with suppress(RoundelError):
@@ -71,7 +69,7 @@ def _identities(folder: Folder) -> list[str]:
     return found
 
 
-def _own_study(folder: Folder) -> Study:
+def _own_study(folder: Store) -> Study:
     """The study of a dataset that agrees with its manifest."""
     identity = None
     try:
@@ -97,31 +95,29 @@ def _own_study(folder: Folder) -> Study:
     return _from_manifest(folder, resolved, str(identity))
 
 
-def _from_manifest(folder: Folder, resolved: dict[str, object], identity: str) -> Study:
+def _from_manifest(folder: Store, resolved: dict[str, object], identity: str) -> Study:
     """The study as the manifest has it."""
     import yaml
 
-    path = folder.path / ".study.restored.yaml"  # beside the files that it may name
+    data = yaml.safe_dump(resolved, sort_keys=False, width=120).encode()
     try:
-        write_file(path, yaml.safe_dump(resolved, sort_keys=False, width=120).encode())
-        study = load_study(path)
+        with folder.on_disk(files.STUDY, data) as path:
+            study = load_study(path)
     except RoundelError as error:
         raise DataError(
             f"{folder}: the study in its manifest cannot be read ({error}); give it with --study"
         ) from error
-    finally:
-        path.unlink(missing_ok=True)
     if study.digest() != identity:
         raise DataError(f"{folder}: the study in its manifest is another one; give the study with --study")
     return study
 
 
-def take_away_damage(folder: Folder, study: Study, progress: Progress | None = None) -> Damage:
+def take_away_damage(folder: Store, study: Study, progress: Progress | None = None) -> Damage:
     """Remove altered files, records and litter of a dataset at which nobody else works.
 
     Parameters
     ----------
-    folder : Folder
+    folder : Store
     study : Study
     progress : callable, optional
         Called with (frames checked, total frames).
@@ -142,11 +138,11 @@ def take_away_damage(folder: Folder, study: Study, progress: Progress | None = N
         _clean_shard(folder, shard, study, found)
         if progress:
             progress(shard.frames.stop, total)
-    _remove(folder, [p.name for p in leftovers(folder.path)], found)
+    _remove(folder, folder.leftovers(), found)
     return found
 
 
-def _clean_shard(folder: Folder, shard: Shard, study: Study, found: Damage) -> None:
+def _clean_shard(folder: Store, shard: Shard, study: Study, found: Damage) -> None:
     here = folder.sub(shard.folder)
     state = progress_of(folder, shard, study)
     found.notes += state.notes
@@ -159,19 +155,18 @@ def _clean_shard(folder: Folder, shard: Shard, study: Study, found: Damage) -> N
     listed = {name for entry in state.entries.values() for name in entry["files"]}
     for sub in (files.IMAGES, files.RADIANCE):
         extra = [f"{sub}/{name}" for name in here.names(sub) if f"{sub}/{name}" not in listed]
-        _remove(here, extra + [f"{sub}/{p.name}" for p in leftovers(here.path / sub)], found)
+        _remove(here, extra + [f"{sub}/{name}" for name in here.leftovers(sub)], found)
     if missing or _altered(folder, shard):
         # Written anew once its frames are there.
         folder.remove(*(n for n in (files.MANIFEST, shard.name(files.SHARD)) if folder.size(n) is not None))
         found.records.append(str(here))
     else:
         _remove(here, [f"{LOG}/{name}" for name in here.names(LOG)], found)
-        if (here.path / LOG).is_dir():
-            (here.path / LOG).rmdir()
-    _remove(here, [p.name for p in leftovers(here.path)], found)
+        here.logs().remove([])
+    _remove(here, here.leftovers(), found)
 
 
-def _altered(folder: Folder, shard: Shard) -> bool:
+def _altered(folder: Store, shard: Shard) -> bool:
     """Whether the record of a shard is missing or damaged, or a table is not the one that it lists."""
     try:
         if shard.folder:
@@ -192,7 +187,7 @@ def _altered(folder: Folder, shard: Shard) -> bool:
     return False
 
 
-def _remove(folder: Folder, names: list[str], found: Damage) -> None:
+def _remove(folder: Store, names: list[str], found: Damage) -> None:
     for name in names:
         found.litter.append(folder.place(name))
-        (folder.path / name).unlink(missing_ok=True)
+    folder.discard(*names)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 from roundel.datasets.environment import Environment, key_of
 from roundel.datasets.finish import study_bytes
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard
+from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.folder import Folder
-from roundel.datasets.store.writing import clear_leftovers
+from roundel.datasets.store.store import Store
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.study.study import Study, load_study
 
 
-def prepare(study: Study, dataset: Path) -> Folder:
+def prepare(study: Study, dataset: Address) -> Store:
     """The folder of a dataset, new or one that holds this study.
 
     Raises
@@ -26,8 +26,8 @@ def prepare(study: Study, dataset: Path) -> Folder:
     DataError
         If its study is corrupt, or it was begun by an older version.
     """
-    folder = Folder(dataset)
-    if dataset.exists() and not dataset.is_dir():
+    folder = store_at(dataset)
+    if isinstance(folder, Folder) and folder.path.exists() and not folder.path.is_dir():
         raise UsageError(f"{dataset}: is a file; name a folder for the dataset")
     if folder.size(files.STUDY) is not None:
         digest = held_study(folder).digest()
@@ -41,16 +41,18 @@ def prepare(study: Study, dataset: Path) -> Folder:
                 f"{dataset}: was begun by an older version of Roundel; finish it with that version, or render into "
                 "another folder"
             )
-        clear_leftovers(dataset)
+        folder.clear_leftovers()
         return folder
-    clear_leftovers(dataset)
-    if dataset.is_dir() and any(not p.name.endswith(".part") for p in dataset.iterdir()):
+    folder.clear_leftovers()
+    # Others may have begun it in this moment.
+    if folder.is_occupied() and folder.size(files.STUDY) is None:
         raise UsageError(f"{dataset}: is not empty and not a dataset; name another folder")
-    folder.write(files.STUDY, study_bytes(study))
+    if not folder.write_new(files.STUDY, study_bytes(study)):
+        raise UsageError(f"{dataset}: another study was just begun there; name another folder")
     return folder
 
 
-def _begun_by_version_1(folder: Folder) -> bool:
+def _begun_by_version_1(folder: Store) -> bool:
     """Whether a dataset without a manifest has a journal whose lines have no checksums."""
     if folder.size(files.JOURNAL) is None or folder.size(files.MANIFEST) is not None:
         return False
@@ -58,7 +60,7 @@ def _begun_by_version_1(folder: Folder) -> bool:
     return journal.is_old(first)
 
 
-def held_study(folder: Folder) -> Study:
+def held_study(folder: Store) -> Study:
     """The study of a dataset.
 
     Raises
@@ -67,15 +69,16 @@ def held_study(folder: Folder) -> Study:
         If it is missing or corrupt.
     """
     place = folder.place(files.STUDY)
-    folder.read(files.STUDY, most=files.MOST_STUDY_BYTES)  # refuses links and devices
+    data = folder.read(files.STUDY, most=files.MOST_STUDY_BYTES)  # refuses links and devices
     try:
         # Read from the folder where it lies: files that it names are relative to it.
-        return load_study(place)
+        with folder.on_disk(files.STUDY, data) as path:
+            return load_study(path)
     except RoundelError as error:
         raise DataError(f"{place}: corrupt ({error}); name another folder, or remove this one") from error
 
 
-def recorded_environments(folder: Folder, shard: Shard) -> dict[str, Environment]:
+def recorded_environments(folder: Store, shard: Shard) -> dict[str, Environment]:
     """Environments of a shard's frames that its record, or the manifest, tells; empty if neither can be read."""
     try:
         if shard.folder:
@@ -90,7 +93,7 @@ def recorded_environments(folder: Folder, shard: Shard) -> dict[str, Environment
     return {key_of(one): one}
 
 
-def backend_to_resume(dataset: Path, entries: Iterable[journal.Entry], asked: str) -> str:
+def backend_to_resume(dataset: str, entries: Iterable[journal.Entry], asked: str) -> str:
     """The backend of finished frames, with which a dataset is continued.
 
     Raises

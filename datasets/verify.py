@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from roundel.datasets.layout import files, journal
@@ -15,9 +14,9 @@ from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.radiance import decode_radiance
 from roundel.datasets.numbers import other_numbers
 from roundel.datasets.resume import held_study
-from roundel.datasets.store.folder import Folder, Listed
-from roundel.datasets.store.log import FOLDER as LOG
-from roundel.datasets.store.writing import leftovers, sha256
+from roundel.datasets.store.addresses import Address, store_at
+from roundel.datasets.store.store import LOG, Listed, Store
+from roundel.datasets.store.writing import sha256
 from roundel.scenes.errors import DataError, RoundelError
 from roundel.scenes.study.identity import SAMPLING_VERSION
 from roundel.scenes.study.study import Study
@@ -36,7 +35,7 @@ class Finding:
         return f"{self.name}: {self.what}"
 
 
-def verify_dataset(path: str | Path, full: bool = False, progress: Progress | None = None) -> list[Finding]:
+def verify_dataset(path: Address, full: bool = False, progress: Progress | None = None) -> list[Finding]:
     """Compare a dataset with its manifest.
 
     Parameters
@@ -57,7 +56,7 @@ def verify_dataset(path: str | Path, full: bool = False, progress: Progress | No
     DataError
         If there is no readable manifest.
     """
-    folder = Folder(Path(path))
+    folder = store_at(path)
     contents = read_contents(folder)
     findings: list[Finding] = []
     for name, listed in contents.own.items():
@@ -76,7 +75,7 @@ def verify_dataset(path: str | Path, full: bool = False, progress: Progress | No
     return findings
 
 
-def _study_to_draw(folder: Folder) -> Study | None:
+def _study_to_draw(folder: Store) -> Study | None:
     """The study, if this version draws its frames; None otherwise, or if it is damaged, which is found elsewhere."""
     _, manifest = read_manifest(folder)
     try:
@@ -101,8 +100,8 @@ def _checked_part(contents: Contents, part: Part, full: bool, study: Study | Non
         for extra in here.names(LOG):
             yield Finding(shard.name(f"{LOG}/{extra}"), "is left of an interrupted run; `roundel repair` removes it")
     for sub in ("", files.IMAGES, files.RADIANCE):
-        for part_file in leftovers(here.path / sub):
-            yield Finding(shard.name(f"{sub}/{part_file.name}" if sub else part_file.name), "is left of a write")
+        for temporary in here.leftovers(sub):
+            yield Finding(shard.name(f"{sub}/{temporary}" if sub else temporary), "is left of a write")
     yield from _checked_journal(contents, part, recorded, study)
 
 
@@ -137,11 +136,12 @@ def _sizes(contents: Contents, part: Part) -> dict[str, tuple[int, int]]:
 
 
 def _checked_file(
-    folder: Folder, name: str, listed: Listed, full: bool, size_px: tuple[int, int] | None = None
+    folder: Store, name: str, listed: Listed, full: bool, size_px: tuple[int, int] | None = None
 ) -> Iterator[Finding]:
     size = folder.size(name)
     if size is None:
-        what = "is no regular file" if (folder.path / name).exists() or (folder.path / name).is_symlink() else "missing"
+        parent, _, own = name.rpartition("/")
+        what = "is no regular file" if own in folder.names(parent) else "missing"
         yield Finding(name, f"{what}; `roundel repair` restores it")
     elif size != listed.bytes:
         yield Finding(name, f"{size} bytes, but {listed.bytes} are recorded; `roundel repair` restores it")
@@ -158,6 +158,6 @@ def _checked_file(
             yield Finding(name, _without_place(error, folder, name))
 
 
-def _without_place(error: DataError, folder: Folder, name: str = "") -> str:
+def _without_place(error: DataError, folder: Store, name: str = "") -> str:
     place = folder.place(name) if name else str(folder)
     return str(error).removeprefix(f"{place}: ").removeprefix(f"{place}/")

@@ -20,8 +20,7 @@ from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.numbers import check_resumable
 from roundel.datasets.progress import ShardProgress
-from roundel.datasets.store.folder import Folder
-from roundel.datasets.store.writing import clear_leftovers
+from roundel.datasets.store.store import Store
 from roundel.datasets.worker_pool import Lost
 from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import Study
@@ -31,8 +30,6 @@ from roundel.scenes.world.frame import total_frames
 # claimed, or what is left of one whose processes died.
 MakeFrames = Callable[[Shard, list[int]], Iterator[int | Lost[tuple[Shard, int]] | None]]
 
-# Without news for this long, a process that has claimed the last frames is given up: it may hang.
-_PATIENCE_S = 120.0
 _POLL_S = 0.2
 
 
@@ -43,7 +40,7 @@ class Work:
     Attributes
     ----------
     study : Study
-    folder : Folder
+    folder : Store
     wanted : range
         Frame ids.
     own : dict
@@ -59,7 +56,7 @@ class Work:
     """
 
     study: Study
-    folder: Folder
+    folder: Store
     wanted: range
     own: Environment
     mix: bool = False
@@ -84,7 +81,7 @@ class Work:
 class Participant:
     """A process that makes frames of a dataset, in one shard at a time, with a log of its own there."""
 
-    def __init__(self, study: Study, folder: Folder, environment: Environment, mix: bool) -> None:
+    def __init__(self, study: Study, folder: Store, environment: Environment, mix: bool) -> None:
         self.study, self.folder = study, folder
         self._about = environment, mix
         self._state: ShardProgress | None = None
@@ -109,7 +106,7 @@ def shards_within(total: int, wanted: range) -> list[Shard]:
     return [s for s in shards_of(total) if s.frames.start < wanted.stop and s.frames.stop > wanted.start]
 
 
-def is_whole(folder: Folder, shards: Iterable[Shard]) -> bool:
+def is_whole(folder: Store, shards: Iterable[Shard]) -> bool:
     """Whether a dataset is finished, and the files of these shards have their recorded sizes."""
     try:
         contents = read_contents(folder)
@@ -119,25 +116,25 @@ def is_whole(folder: Folder, shards: Iterable[Shard]) -> bool:
         for part in contents.parts:
             if part.shard.folder in wanted:
                 here = folder.sub(part.shard.folder)
-                if any(here.size(name) != listed.bytes for name, listed in contents.files_of(part).items()):
+                subs = ("", files.IMAGES, files.RADIANCE)
+                sizes = {f"{sub}/{n}".lstrip("/"): size for sub in subs for n, size in here.sizes(sub).items()}
+                if any(sizes.get(name) != listed.bytes for name, listed in contents.files_of(part).items()):
                     return False
     except DataError:
         return False
     return True
 
 
-def tidy(folder: Folder, shards: Iterable[Shard], study: Study) -> None:
+def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
     """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
-    clear_leftovers(folder.path)
-    if (folder.path / ".lock").exists():
-        with finishing(folder):
-            pass  # that of a killed process goes at the end of the block
+    folder.clear_leftovers()
+    with finishing(folder):
+        pass  # the lock of a killed process goes at the end of the block
     for shard in shards:
         here = folder.sub(shard.folder)
-        if (here.path / "log").exists():
+        if here.names("log"):
             progress_of(folder, shard, study).remove_logs()
-        for sub in ("", files.IMAGES, files.RADIANCE):
-            clear_leftovers(here.path / sub)
+        here.clear_leftovers("", files.IMAGES, files.RADIANCE)
 
 
 def work_through(work: Work, make: MakeFrames) -> bool:
@@ -200,10 +197,10 @@ def _is_finished(work: Work, shard: Shard) -> bool:
     """Whether a shard of several is complete, with the sizes that its record has."""
     if not shard.folder or finished_record(work.folder, shard, work.study.digest()) is None:
         return False
-    here = work.folder.sub(shard.folder)
     state = progress_of(work.folder, shard, work.study)
+    sizes = state.sizes()
     return all(
-        here.size(name) == listed["bytes"]
+        sizes.get(name) == listed["bytes"]
         for entry in state.entries.values()
         for name, listed in entry["files"].items()
     )
@@ -216,7 +213,7 @@ def _opened(work: Work, shard: Shard) -> ShardProgress:
     if work.on_warning:
         for note in state.notes:
             work.on_warning(note)
-    check_resumable(work.folder.path, work.study, state.entries)
+    check_resumable(str(work.folder), work.study, state.entries)
     if not (work.mix or state.mixed):
         keys = [(i, entry.get("environment")) for i, entry in state.entries.items()]
         check_one_environment(str(work.folder), keys, work.own, state.environments)
@@ -234,7 +231,6 @@ def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames
     """Make frames until all are done, by whomever."""
     counted = sum(i in state.entries for i in ids)
     work.say(counted)
-    patient_until = time.monotonic() + _PATIENCE_S
     set_aside: set[int] = set()
     while True:
         state.refresh()
@@ -242,12 +238,13 @@ def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames
         news = len(ids) - len(missing) - len(set_aside) - counted
         if news > 0:
             counted += news
-            patient_until = time.monotonic() + _PATIENCE_S
         work.say(max(news, 0))
         if not missing:
-            return
+            # What is recorded is there: of a store that lost a file its frame is made again.
+            if not state.drop_incomplete():
+                return
+            continue
         free = [i for i in missing if not state.is_claimed(i)]
-        impatient = time.monotonic() > patient_until
         made = 0
         for result in make(state.shard, free):
             if isinstance(result, Lost):
@@ -258,11 +255,6 @@ def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames
                 made += 1
                 work.say(1)
         if not made:
-            if impatient:
-                raise DataError(
-                    f"{work.folder}: frame {missing[0]} is claimed by a process that does not finish it; end it, "
-                    "or remove its file in log/ if it is gone, and run the command again"
-                )
             time.sleep(_POLL_S)
 
 

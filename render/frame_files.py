@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from roundel.datasets.flags import frame_flags
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.radiance import Planes
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.store import Store
 from roundel.datasets.store.writing import sha256
 from roundel.render.sensor.develop import Developed
 from roundel.render.sensor.encode import jpeg_bytes, png_bytes
@@ -32,9 +31,8 @@ def coverage_channel(marker_id: int) -> str:
     return f"coverage.{marker_id}"
 
 
-def write_frame(dataset: Path, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
+def write_frame(folder: Store, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:
     """Write the files of a frame into the folder of its shard; return their entries for the journal."""
-    folder = Folder(dataset)
     for name, data in written.items():
         folder.write(name, data)
     return {name: {"sha256": sha256(data), "bytes": len(data)} for name, data in written.items()}

@@ -18,24 +18,25 @@ from roundel.datasets.layout.radiance import Planes, decode_radiance, encode_rad
 from roundel.datasets.layout.schema import ManifestRecord
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.numbers import check_numbers
-from roundel.datasets.resume import prepare
-from roundel.datasets.store.folder import Folder
-from roundel.datasets.store.writing import link_file, sha256
+from roundel.datasets.resume import held_study, prepare
+from roundel.datasets.store.addresses import Address, store_at
+from roundel.datasets.store.store import Store
+from roundel.datasets.store.writing import sha256
 from roundel.datasets.work import Participant, Work, is_whole, shards_within, tidy, work_through
 from roundel.render.frame_files import entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.study.sensor_file import study_with_sensor
-from roundel.scenes.study.study import Study, load_study
+from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import Frame, frame_of, total_frames
 
 
-def _source_study(folder: Folder, manifest: ManifestRecord) -> Study:
+def _source_study(folder: Store, manifest: ManifestRecord) -> Study:
     """The study of a dataset in which every frame has its radiance."""
     # Compare file checksums: the computation of a dataset_id may change between versions.
     if sha256(folder.read(files.STUDY)) != manifest.study_sha256:
         raise DataError(f"{folder.place(files.STUDY)}: is not the study of this dataset; restore it")
-    study = load_study(folder.place(files.STUDY))
+    study = held_study(folder)
     rendered = {name: group for name, group in study.groups.items() if group.mode == "images"}
     if not rendered:
         raise UsageError(f"{folder}: has points but no images; there is nothing to develop")
@@ -78,7 +79,7 @@ class _Source:
         return decode_radiance(self.contents.read(part, name), self.contents.folder.place(part.shard.name(name)))
 
 
-def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Folder) -> tuple[journal.Entry, dict[str, float]]:
+def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Store) -> tuple[journal.Entry, dict[str, float]]:
     clock = [time.perf_counter()]
     before, part = frame_of(source.study, frame.frame_id), source.part_of(shard)
     old = source.entry(part, frame.frame_id)
@@ -87,7 +88,7 @@ def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Folder) ->
         raise UsageError(
             f"frame {frame.frame_id}: distributions in this sensor would redraw its other values; give numbers instead"
         )
-    check_numbers(source.contents.folder.path, before, old)
+    check_numbers(str(source.contents.folder), before, old)
     planes = source.planes(part, frame.frame_id)
     developed = develop(frame, planes["Y"])
     noise = developed.noise_dn()
@@ -98,9 +99,9 @@ def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Folder) ->
     if not kept:
         written[name] = encode_radiance(planes | {"noise_dn": noise})
     clock.append(time.perf_counter())
-    listed = write_frame(here.path, written)
+    listed = write_frame(here, written)
     if kept:
-        link_file(source.contents.folder.path / part.shard.name(name), here.path / name)
+        here.take(name, source.contents.folder, part.shard.name(name))
         listed[name] = old["files"][name]
     clock.append(time.perf_counter())
     entry = entry_of(frame, developed, planes, old["fidelity"], listed, str(old.get("backend", "llvm")))
@@ -109,8 +110,8 @@ def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Folder) ->
 
 
 def develop_dataset(
-    dataset: str | Path,
-    out: str | Path,
+    dataset: Address,
+    out: Address,
     sensor_file: str | Path,
     progress: Callable[[int, int], None] | None = None,
     on_warning: Callable[[str], None] | None = None,
@@ -137,13 +138,12 @@ def develop_dataset(
     DataError
         If the dataset is corrupt, or a file cannot be written; finished frames are kept.
     """
-    out = Path(out)
     # Open it first: for a folder that is not a dataset, that error is clearer than a missing manifest.
     contents = open_images(dataset).contents
     _, manifest = read_manifest(contents.folder)
     before = _source_study(contents.folder, manifest)
     study = study_with_sensor(before, sensor_file)
-    if out.resolve() == contents.folder.path.resolve():
+    if store_at(out).address() == contents.folder.address():
         raise UsageError(f"{out}: is the dataset itself; name another folder")
     total = total_frames(study)
     shards = shards_within(total, range(total))

@@ -17,7 +17,7 @@ from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.resume import backend_to_resume, prepare
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.work import MakeFrames, Work, is_whole, shards_within, tidy, work_through
 from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start
@@ -39,7 +39,7 @@ _worker: list[Renderer] = []
 
 def render_study(
     study: Study | str | Path,
-    dataset: str | Path,
+    dataset: Address,
     *,
     jobs: int = 1,
     threads: int | None = None,
@@ -56,8 +56,9 @@ def render_study(
     Parameters
     ----------
     study : Study or path
-    dataset : path
-        A new or empty folder, or one that holds this study. Others may render into it at the same time.
+    dataset : path or str
+        A new or empty folder, or one that holds this study; or an address in an object store, such as
+        s3://bucket/name. Others may render into it at the same time.
     jobs : int
         Number of processes; a single process already uses all cores.
     threads : int, optional
@@ -104,13 +105,13 @@ def render_study(
     # Before the frames are placed, which may take long.
     chosen = choose_backend(backend) if has_images else backend
     place_some(study, wanted, chosen, check_progress, _CHECK_S)
-    folder = prepare(study, Path(dataset))
+    folder = prepare(study, dataset)
     if is_whole(folder, shards):
         tidy(folder, shards, study)
         return open_dataset(dataset)
     entries = next((e for e in (progress_of(folder, s, study).entries for s in shards[:1]) if e), {})
     if entries:
-        chosen = choose_backend(backend_to_resume(folder.path, entries.values(), backend))
+        chosen = choose_backend(backend_to_resume(str(folder), entries.values(), backend))
     own = environment_of(environment(chosen) if has_images else {"variant": None})
     work = Work(study, folder, wanted, own, mix_environments, progress, on_warning)
     with ExitStack() as stack:
@@ -175,8 +176,8 @@ def _maker(
         if not pool:
             # Start here first: an error is then known before any process is started.
             start(f"{backend}_ad_mono", threads)
-            study, folder = work.study.path.resolve(), work.folder.path.resolve()
-            arguments = (str(study), work.study.digest(), str(folder), backend, threads, work.mix)
+            study = work.study.path.resolve()
+            arguments = (str(study), work.study.digest(), work.folder.address(), backend, threads, work.mix)
             if scheduler is not None:
                 pool.append(stack.enter_context(ClusterPool(scheduler, _work, _start_worker, arguments, _stop_worker)))
                 return pool[0].in_order((shard, i) for i in ids)
@@ -193,7 +194,7 @@ def _start_worker(study_path: str, digest: str, dataset: str, backend: str, thre
         raise UsageError(f"{study_path}: changed while it was being rendered; run again")
     start(f"{backend}_ad_mono", threads)
     _stop_worker()  # one of a cluster may have worked for somebody else before
-    _worker[:] = [Renderer(study, Folder(Path(dataset)), backend, _own(backend), mix)]
+    _worker[:] = [Renderer(study, store_at(dataset), backend, _own(backend), mix)]
 
 
 def _stop_worker() -> None:

@@ -6,7 +6,6 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from roundel.datasets.fidelity.measure import measure_circle
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.radiance import encode_radiance
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.store import Store
 from roundel.datasets.work import Participant
 from roundel.render.backend import DEFAULT_BACKEND, start, variant_of
 from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
@@ -42,7 +41,7 @@ def _traced(frame: Frame, backend: str) -> tuple[Radiance, float]:
     return render_radiance(start(variant_of(frame, backend)), frame), time.perf_counter() - began
 
 
-def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Path, backend: str) -> Done:
+def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Store, backend: str) -> Done:
     """Measure, develop and write a traced frame; needs no renderer."""
     clock = [time.perf_counter()]
     developed = develop(frame, radiance.mean)
@@ -66,13 +65,13 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Path, b
     return entry_of(frame, developed, planes, fidelity, listed, backend), seconds
 
 
-def render_frame(frame: Frame, folder: Path, backend: str = DEFAULT_BACKEND) -> Done:
+def render_frame(frame: Frame, folder: Store, backend: str = DEFAULT_BACKEND) -> Done:
     """Render, measure, develop and write one frame.
 
     Parameters
     ----------
     frame : Frame
-    folder : path
+    folder : Store
         That of its shard.
     backend : str
 
@@ -86,7 +85,7 @@ def render_frame(frame: Frame, folder: Path, backend: str = DEFAULT_BACKEND) -> 
     return _finished(frame, *_traced(frame, backend), folder, backend)
 
 
-def render_frames(frames: Iterable[Frame], folder: Path, backend: str = DEFAULT_BACKEND) -> Iterator[Done]:
+def render_frames(frames: Iterable[Frame], folder: Store, backend: str = DEFAULT_BACKEND) -> Iterator[Done]:
     """Frames in order: while one is traced, earlier ones are measured, compressed and written."""
     with ThreadPoolExecutor(_FINISHERS, "finish") as pool:
         before: deque[Future[Done]] = deque()
@@ -102,7 +101,7 @@ def render_frames(frames: Iterable[Frame], folder: Path, backend: str = DEFAULT_
 class Renderer(Participant):
     """A process that renders frames of a study into its dataset."""
 
-    def __init__(self, study: Study, folder: Folder, backend: str, environment: Environment, mix: bool) -> None:
+    def __init__(self, study: Study, folder: Store, backend: str, environment: Environment, mix: bool) -> None:
         super().__init__(study, folder, environment, mix)
         self.backend = backend
 
@@ -110,7 +109,7 @@ class Renderer(Participant):
         """Render those frames of a shard that nobody else does; yields each that is done and recorded."""
         state = self.enter(shard)
         claimed = (frame_of(self.study, i) for i in frame_ids if state.claim(i))
-        for entry, seconds in render_frames(claimed, state.here.path, self.backend):
+        for entry, seconds in render_frames(claimed, state.here, self.backend):
             state.record(entry, seconds)
             yield entry["frame_id"]
 
@@ -119,5 +118,5 @@ class Renderer(Participant):
         state = self.enter(shard)
         if not state.claim(frame_id):
             return None
-        state.record(*render_frame(frame_of(self.study, frame_id), state.here.path, self.backend))
+        state.record(*render_frame(frame_of(self.study, frame_id), state.here, self.backend))
         return frame_id

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import check_no_dataset
+from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import document_of
 from roundel.datasets.store.writing import clear_leftovers, sha256, write_file
@@ -60,7 +61,7 @@ REPORT = "report.html"
 
 @one_blas_thread()
 def validate_dataset(
-    dataset_path: str | Path,
+    dataset_path: Address,
     estimates_paths: Sequence[str | Path],
     out_path: str | Path,
     extent_D: float = 3.0,

@@ -12,7 +12,7 @@ from typing import Any
 from roundel.datasets.layout import files
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder, Listed, MissingFile
+from roundel.datasets.store.store import Listed, MissingFile, Store
 from roundel.datasets.store.writing import sha256
 from roundel.scenes.errors import DataError
 
@@ -53,7 +53,7 @@ class Part:
 class Contents:
     """A dataset's identity and shards."""
 
-    folder: Folder
+    folder: Store
     dataset_id: str
     complete: bool
     images_sha256: str
@@ -115,13 +115,13 @@ class Contents:
 
 
 @lru_cache(maxsize=4)
-def _shard_files(folder: Folder, shard: Shard, listed: Listed) -> dict[str, Listed]:
+def _shard_files(folder: Store, shard: Shard, listed: Listed) -> dict[str, Listed]:
     found = read_shard(folder, shard, listed)
     assert found is not None, "a listed record is there, or an error"
     return {name: Listed(record.bytes, record.sha256) for name, record in found[1].files.items()}
 
 
-def read_contents(folder: Folder) -> Contents:
+def read_contents(folder: Store) -> Contents:
     """What the manifest of a dataset says of its files.
 
     Raises

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from roundel.datasets.layout import files
 from roundel.datasets.layout.camera_records import CameraRecords
 from roundel.datasets.layout.contents import Contents, Part, read_contents
-from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.addresses import Address, store_at
 from roundel.scenes.camera.model import Camera, camera_from_json
 from roundel.scenes.camera.response_curve import ResponseCurve, gamma_curve
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
@@ -27,7 +26,6 @@ from roundel.scenes.errors import DataError, first_line
 class Images:
     """The frames of a dataset as a solver sees them; `i` counts positions, `frame_ids[i]` is the frame's id."""
 
-    path: Path
     records: Sequence[dict[str, Any]]
     contents: Contents
 
@@ -57,6 +55,11 @@ class Images:
     def group_names(self) -> list[str]:
         """Names of the groups, sorted."""
         return sorted(self.contents.groups or set(self.groups))
+
+    @property
+    def address(self) -> str:
+        """Where the dataset is: a folder, or a URL."""
+        return str(self.contents.folder)
 
     @property
     def dataset_id(self) -> str:
@@ -164,7 +167,9 @@ class Images:
         frame_id = int(self.records[i]["frame_id"])
         found = self.records.points_of(i)
         if frame_id not in found:
-            raise DataError(f"{self.path / files.POINTS}: no points for frame {frame_id}; render the dataset again")
+            raise DataError(
+                f"{self.contents.folder.place(files.POINTS)}: no points for frame {frame_id}; render the dataset again"
+            )
         return found[frame_id]
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -205,30 +210,30 @@ def read_image(data: bytes, place: str, size_px: tuple[int, int]) -> NDArray[Any
         raise DataError(f"{place}: this image is truncated or corrupt ({reason}); render the dataset again") from error
 
 
-def open_images(path: str | Path) -> Images:
+def open_images(path: Address) -> Images:
     """Open the images and cameras of a dataset.
 
     Parameters
     ----------
-    path : path
-        The dataset's folder.
+    path : path or str
+        The dataset's folder, or its address in an object store, such as s3://bucket/name.
 
     Raises
     ------
     DataError
         If the folder is not a dataset, or is not finished.
     """
-    path = Path(path)
-    if not path.is_dir():
-        what = "it is a file; a dataset is a folder" if path.exists() else "there is no such folder"
-        raise DataError(f"{path}: not a dataset: {what}")
-    if not (path / files.MANIFEST).is_file():
-        unfinished = (path / files.JOURNAL).is_file() or (path / files.STUDY).is_file()
+    folder = store_at(path)
+    absence = folder.absence()
+    if absence:
+        raise DataError(f"{folder}: not a dataset: {absence}")
+    if folder.size(files.MANIFEST) is None:
+        unfinished = folder.size(files.JOURNAL) is not None or folder.size(files.STUDY) is not None
         hint = (
             "it is not finished: run the same `roundel render` or `develop` again"
             if unfinished
             else f"it has no {files.MANIFEST}"
         )
-        raise DataError(f"{path}: not a readable dataset: {hint}")
-    contents = read_contents(Folder(path))
-    return Images(path, CameraRecords(contents), contents)
+        raise DataError(f"{folder}: not a readable dataset: {hint}")
+    contents = read_contents(folder)
+    return Images(CameraRecords(contents), contents)

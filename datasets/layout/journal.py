@@ -8,8 +8,8 @@ from typing import Any
 
 from roundel.datasets.layout.schema import EntryRecord, checked
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import line_of, record_of
+from roundel.datasets.store.store import Store
 from roundel.scenes.errors import DataError
 
 Entry = dict[str, Any]
@@ -59,6 +59,6 @@ def _old(line: bytes) -> Entry | None:
     return entry if isinstance(entry, dict) else None
 
 
-def is_done(folder: Folder, shard: Shard, entry: Entry) -> bool:
+def is_done(folder: Store, shard: Shard, entry: Entry) -> bool:
     """Whether all files of the entry exist with the recorded sizes."""
     return all(folder.size(shard.name(name)) == record["bytes"] for name, record in entry["files"].items())

@@ -8,15 +8,15 @@ from typing import Any
 from roundel.datasets.layout import files
 from roundel.datasets.layout.schema import ManifestRecord, OldManifestRecord, ShardRecord, checked
 from roundel.datasets.layout.shards import Shard
-from roundel.datasets.store.folder import Folder, Listed, MissingFile
 from roundel.datasets.store.records import KEY, record_of_document
+from roundel.datasets.store.store import Listed, MissingFile, Store
 from roundel.datasets.store.writing import sha256
 from roundel.scenes.errors import DataError, first_line
 
 _REPAIR = "`roundel repair` mends it"
 
 
-def read_manifest(folder: Folder) -> tuple[dict[str, Any], ManifestRecord]:
+def read_manifest(folder: Store) -> tuple[dict[str, Any], ManifestRecord]:
     """The manifest of a dataset: as a mapping, and checked.
 
     Raises
@@ -47,14 +47,12 @@ def read_manifest(folder: Folder) -> tuple[dict[str, Any], ManifestRecord]:
     return manifest, checked(OldManifestRecord if version == 1 else ManifestRecord, manifest, place)
 
 
-def read_shard(
-    folder: Folder, shard: Shard, listed: Listed | None
-) -> tuple[dict[str, Any], ShardRecord, Listed] | None:
+def read_shard(folder: Store, shard: Shard, listed: Listed | None) -> tuple[dict[str, Any], ShardRecord, Listed] | None:
     """The record of a shard: as a mapping, checked, and its size and checksum; None if there is none.
 
     Parameters
     ----------
-    folder : Folder
+    folder : Store
         The dataset.
     shard : Shard
     listed : Listed or None

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from roundel.datasets.layout.files import IMAGES, RADIANCE
-from roundel.datasets.store.folder import MOST_BYTES, is_confined
+from roundel.datasets.store.store import MOST_BYTES, is_confined
 from roundel.scenes.errors import DataError
 
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]

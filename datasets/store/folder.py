@@ -1,4 +1,4 @@
-"""A folder of files with confined names: what is read is a regular file of bounded size, below the folder.
+"""A folder of a disk with confined names: what is read is a regular file of bounded size, below the folder.
 
 A dataset may come from anywhere. Names in its records are relative and never lead out of the folder; links, pipes and
 devices are refused; the size is known before the first byte is read.
@@ -7,46 +7,58 @@ devices are refused; the size is known before the first byte is read.
 from __future__ import annotations
 
 import os
-import re
+import secrets
 import stat
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from roundel.datasets.store.writing import make_folder, sha256, sync_folder, write_failure, write_file
+from roundel.datasets.store.lock import one_at_a_time
+from roundel.datasets.store.log_files import FolderLogs
+from roundel.datasets.store.store import MOST_BYTES, LogFiles, MissingFile, Store
+from roundel.datasets.store.writing import (
+    clear_leftovers,
+    leftovers,
+    link_file,
+    make_folder,
+    sync_folder,
+    write_failure,
+    write_file,
+)
 from roundel.scenes.errors import DataError
 
-# More than any single file of a dataset needs; a record that claims more is damaged.
-MOST_BYTES = 2 << 30
-
-_PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-]{0,199}")
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
-
-class MissingFile(DataError):
-    """A file that is not there."""
+_LOCK = ".lock"
 
 
 @dataclass(frozen=True)
-class Listed:
-    """What a record says of a file: its size and checksum."""
-
-    bytes: int
-    sha256: str
-
-
-def is_confined(name: str) -> bool:
-    """Whether a name is relative, of plain letters, and stays below its folder."""
-    return all(_PART.fullmatch(part) for part in name.split("/"))
-
-
-@dataclass(frozen=True)
-class Folder:
+class Folder(Store):
     """A folder on disk."""
 
     path: Path
 
+    decays = True
+
     def __str__(self) -> str:
         return str(self.path)
+
+    def address(self) -> str:
+        """The address for other processes, in whichever folder they work."""
+        return str(self.path.resolve())
+
+    def absence(self) -> str:
+        """What is there instead of a folder, in words; empty if it is there."""
+        if self.path.is_dir():
+            return ""
+        return "it is a file; a dataset is a folder" if self.path.exists() else "there is no such folder"
+
+    def is_occupied(self) -> bool:
+        """Whether anything is there, other than temporary files."""
+        return self.path.is_dir() and any(
+            not (p.name.endswith(".part") or p.name == _LOCK) for p in self.path.iterdir()
+        )
 
     def sub(self, name: str) -> Folder:
         """A folder within this one; the empty name is this one."""
@@ -64,10 +76,8 @@ class Folder:
         DataError
             If the name leads out of the folder, by itself or through a link.
         """
-        if not is_confined(name):
-            raise DataError(f"{self.path}: {name[:80]!r} is not the name of a file of this dataset; it is damaged")
         whole = self.path
-        for part in name.split("/")[:-1]:
+        for part in self.checked_name(name).split("/")[:-1]:
             whole /= part
             if whole.is_symlink():
                 raise DataError(f"{whole}: is a link; a dataset has none: put the folder itself there")
@@ -80,6 +90,18 @@ class Folder:
         except OSError:
             return None
         return found.st_size if stat.S_ISREG(found.st_mode) else None
+
+    def sizes(self, folder: str = "") -> dict[str, int]:
+        """Bytes of the regular files of a folder, by name within it; temporary files are left out."""
+        path = self._whole(folder) if folder else self.path
+        try:
+            with os.scandir(path) as entries:
+                found = [e for e in entries if not e.name.startswith(".") and e.is_file(follow_symlinks=False)]
+                return {entry.name: entry.stat(follow_symlinks=False).st_size for entry in found}
+        except (FileNotFoundError, NotADirectoryError):
+            return {}
+        except OSError as error:
+            raise DataError(f"{path}: cannot be listed: {error.strerror or error}") from error
 
     def read(self, name: str, most: int = MOST_BYTES, start: int = 0) -> bytes:
         """The bytes of a regular file, from `start`.
@@ -115,21 +137,6 @@ class Folder:
             except (OSError, MemoryError) as error:
                 raise DataError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
-    def read_checked(self, name: str, listed: Listed, remedy: str) -> bytes:
-        """The bytes of a file that a record lists.
-
-        Raises
-        ------
-        DataError
-            If they are not those that were recorded; `remedy` is what to do.
-        """
-        data = self.read(name)
-        if len(data) != listed.bytes:
-            raise DataError(f"{self.place(name)}: {len(data)} bytes, but {listed.bytes} were recorded; {remedy}")
-        if sha256(data) != listed.sha256:
-            raise DataError(f"{self.place(name)}: its sha256 is not the recorded one: it was altered; {remedy}")
-        return data
-
     def write(self, name: str, data: bytes) -> None:
         """Write a file completely or not at all.
 
@@ -139,6 +146,33 @@ class Folder:
             If it cannot be written.
         """
         write_file(self._whole(name), data)
+
+    def write_new(self, name: str, data: bytes) -> bool:
+        """Likewise, unless somebody else has written another one: False.
+
+        Raises
+        ------
+        DataError
+            If it cannot be written.
+        """
+        with self.alone():
+            if self.size(name) is not None:
+                return self.read(name) == data
+            self.write(name, data)
+        return True
+
+    def take(self, name: str, source: Store, theirs: str) -> None:
+        """Link a file of another folder, which never changes, or copy it.
+
+        Raises
+        ------
+        DataError
+            If it cannot be read or written.
+        """
+        if isinstance(source, Folder):
+            link_file(source._whole(theirs), self._whole(name))
+        else:
+            self.write(name, source.read(theirs))
 
     def remove(self, *names: str) -> None:
         """Remove files, and make that durable; those that are not there are left out.
@@ -161,6 +195,11 @@ class Folder:
             except OSError as error:
                 raise write_failure(folder, error) from error
 
+    def discard(self, *names: str) -> None:
+        """Remove files and links that a listing gave, whatever their names; `leftovers` are among them."""
+        for name in names:
+            (self.path / name).unlink(missing_ok=True)
+
     def names(self, folder: str = "") -> list[str]:
         """Names of everything in a folder, sorted; those of temporary files are left out."""
         path = self._whole(folder) if folder else self.path
@@ -170,6 +209,19 @@ class Folder:
             return []
         except OSError as error:
             raise DataError(f"{path}: cannot be listed: {error.strerror or error}") from error
+
+    def leftovers(self, folder: str = "") -> list[str]:
+        """Temporary files in a folder, of all processes, by name within it."""
+        return [path.name for path in leftovers(self.path / folder)]
+
+    def clear_leftovers(self, *folders: str) -> None:
+        """Remove those of processes that are gone; without folders, in this one."""
+        for folder in folders or ("",):
+            clear_leftovers(self.path / folder)
+
+    def alone(self) -> AbstractContextManager[None]:
+        """A block that one process at a time is in; the others wait."""
+        return one_at_a_time(self.path / _LOCK)
 
     def make(self) -> None:
         """Make the folder.
@@ -183,3 +235,22 @@ class Folder:
             make_folder(self.path)
         except OSError as error:
             raise write_failure(self.path, error) from error
+
+    def logs(self) -> LogFiles:
+        """The logs in this folder."""
+        return FolderLogs(self)
+
+    @contextmanager
+    def on_disk(self, name: str, data: bytes) -> Iterator[Path]:
+        """The file itself where it has these bytes; else a temporary one beside it."""
+        path = self._whole(name)
+        if self.size(name) == len(data) and self.read(name) == data:
+            yield path
+            return
+        # Beside the files that it may name.
+        other = path.with_name(f".{name}.{secrets.token_hex(4)}{path.suffix}")
+        try:
+            write_file(other, data)
+            yield other
+        finally:
+            other.unlink(missing_ok=True)

@@ -1,29 +1,27 @@
 """The log of one process, and the logs of all that work in a folder.
 
-Each process appends to a file of its own, `log/OWNER-N.jsonl`, and holds a lock on it while it works: nobody else ever
-writes there, and whether its owner still works is known on every host that shares the disk. The first record tells who
-writes; each further one is appended and synced before it counts. What a torn record would have said has not happened.
+Each process appends to a log of its own: nobody else ever writes there. The first record tells who writes; each
+further one is appended and safe before it counts. What a torn record would have said has not happened.
 """
 
 from __future__ import annotations
 
 import itertools
-import os
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from roundel.datasets.store.folder import Folder, MissingFile
-from roundel.datasets.store.lock import try_lock
-from roundel.datasets.store.owner import is_gone, is_name, own_name
+from roundel.datasets.store.owner import is_name, own_name
 from roundel.datasets.store.records import Record, line_of, record_of
-from roundel.datasets.store.writing import make_folder, sync_folder, write_failure
+from roundel.datasets.store.store import MissingFile, Store
 from roundel.scenes.errors import DataError
 
-FOLDER = "log"
 LOG = "log"  # the key that tells a header: the version of the log's format
-_SUFFIX = ".jsonl"
 _count = itertools.count()
+
+# A process of which nothing else is known counts as working for this long without news; no clock is compared with
+# that of another machine.
+LEASE_S = 120.0
 
 
 class OwnLog:
@@ -31,7 +29,7 @@ class OwnLog:
 
     Parameters
     ----------
-    folder : Folder
+    folder : Store
     header : dict
         What the first record tells beside its owner.
 
@@ -41,89 +39,48 @@ class OwnLog:
         If it cannot be written.
     """
 
-    def __init__(self, folder: Folder, header: Record) -> None:
+    def __init__(self, folder: Store, header: Record) -> None:
         # A process may work in a folder more than once.
         self.name = f"{own_name()}-{next(_count)}"
-        self.path = Path(folder.sub(f"{FOLDER}/{self.name}{_SUFFIX}").path)
-        self._file = self._opened()
-        try_lock(self._file, exclusive=True, wait=True)
-        self._size = 0
+        self._file = folder.logs().create(self.name)
         try:
             self.append({LOG: 1, **header})
-            sync_folder(self.path.parent)
-        except OSError as error:
-            self._drop()
-            raise write_failure(self.path, error) from error
         except DataError:
-            self._drop()
+            self._file.drop()
             raise
 
-    def _opened(self) -> int:
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-        while True:
-            try:
-                make_folder(self.path.parent)
-                return os.open(self.path, flags, 0o666)
-            except FileNotFoundError:
-                continue  # whoever has finished the shard removed the folder in this moment
-            except OSError as error:
-                raise write_failure(self.path, error) from error
-
     def append(self, *records: Record, durable: bool = True) -> None:
-        """Append records; if `durable`, they are on disk when this returns.
+        """Append records; if `durable`, they are safe when this returns.
 
         Raises
         ------
         DataError
             If they cannot be written; a part that was is cut off.
         """
-        data = "".join(line_of(record) + "\n" for record in records).encode()
-        try:
-            left = data
-            while left:
-                left = left[os.write(self._file, left) :]
-            if durable:
-                os.fsync(self._file)
-        except OSError as error:
-            try:
-                os.ftruncate(self._file, self._size)
-                os.lseek(self._file, self._size, os.SEEK_SET)
-            except OSError:
-                pass  # the torn record is told by its checksum
-            raise write_failure(self.path, error) from error
-        self._size += len(data)
-
-    def _drop(self) -> None:
-        """Give a log up that says nothing yet."""
-        self.close()
-        self.path.unlink(missing_ok=True)
+        self._file.append("".join(line_of(record) + "\n" for record in records).encode(), durable)
 
     def close(self) -> None:
-        """Give the lock back. The file stays: what it says is still needed."""
-        os.close(self._file)
+        """End the log. The file stays: what it says is still needed."""
+        self._file.close()
 
 
 @dataclass
 class _Followed:
-    """A log as far as it was read."""
+    """A log as far as it was read, and when it last grew."""
 
     at: int = 0
     header: Record | None = None
     rest: bytes = b""
+    heard_s: float = field(default_factory=time.monotonic)
 
 
-@dataclass
 class Logs:
     """All logs in a folder, read as they grow."""
 
-    folder: Folder
-    _known: dict[str, _Followed] = field(default_factory=dict)
-    _cut: dict[str, int] = field(default_factory=dict)
-
-    def names(self) -> list[str]:
-        """Names of the logs, sorted."""
-        found = [n.removesuffix(_SUFFIX) for n in self.folder.names(FOLDER) if n.endswith(_SUFFIX)]
-        return [name for name in found if is_name(name.rpartition("-")[0])]
+    def __init__(self, folder: Store) -> None:
+        self._files = folder.logs()
+        self._known: dict[str, _Followed] = {}
+        self._cut: dict[str, int] = {}
 
     def new_records(self) -> Iterator[tuple[str, Record, Record]]:
         """Records that were appended since the last call: the log's name, its header and the record.
@@ -133,12 +90,15 @@ class Logs:
         DataError
             If a log cannot be read.
         """
-        for name in self.names():
+        for name, length in self._lengths().items():
             log = self._known.setdefault(name, _Followed())
+            if length <= log.at:
+                continue
             try:
-                data = self._read(name, log)
+                data = self._files.read(name, log.at, length)
             except MissingFile:
                 continue  # whoever has finished the shard removes the logs
+            log.at, log.heard_s = length, time.monotonic()
             # A line that is not whole yet is read again.
             *lines, log.rest = (log.rest + data).split(b"\n")
             for line in lines:
@@ -150,42 +110,34 @@ class Logs:
                 elif log.header is not None:
                     yield name, log.header, record
 
-    def _read(self, name: str, log: _Followed) -> bytes:
-        data = self.folder.read(f"{FOLDER}/{name}{_SUFFIX}", start=log.at)
-        log.at += len(data)
-        return data
+    def _lengths(self) -> dict[str, int]:
+        return {name: n for name, n in self._files.lengths().items() if is_name(name.rpartition("-")[0])}
 
-    def is_live(self, name: str) -> bool:
-        """Whether the process of a log still works on it."""
-        path = Path(self.folder.sub(f"{FOLDER}/{name}{_SUFFIX}").path)
-        if is_gone(name.rpartition("-")[0]):
+    def is_live(self, name: str, lease_s: float = LEASE_S) -> bool:
+        """Whether the process of a log still works on it, as far as can be told.
+
+        Where nothing tells, and of a process that may hang, news is waited for `lease_s` seconds.
+        """
+        log = self._known.get(name)
+        if log is not None and time.monotonic() - log.heard_s > lease_s:
             return False
-        try:
-            descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
-        except OSError:
-            return False
-        try:
-            free = try_lock(descriptor, exclusive=False)
-        finally:
-            os.close(descriptor)
-        return not free
+        return self._files.works(name) is not False
+
+    def place(self, name: str) -> str:
+        """A log's address, for messages."""
+        return self._files.place(name)
 
     def cut(self) -> list[str]:
         """One sentence for each log of a gone process that has damaged records."""
         torn = {name for name, log in self._known.items() if log.rest and not self.is_live(name)}
         return [
-            f"{self.folder.place(f'{FOLDER}/{name}{_SUFFIX}')}: a record was cut short or damaged and is left out; "
-            "its frame is rendered again"
+            f"{self._files.place(name)}: a record was cut short or damaged and is left out; its frame is rendered again"
             for name in sorted(torn | set(self._cut))
         ]
 
-    def remove_gone(self, own: str | None = None) -> None:
-        """Remove the logs of processes that work on them no more, and `own`: all they say is kept elsewhere."""
-        gone = [name for name in self.names() if name == own or not self.is_live(name)]
-        self.folder.remove(*(f"{FOLDER}/{name}{_SUFFIX}" for name in gone))
-        path = self.folder.path / FOLDER
-        try:
-            path.rmdir()
-            sync_folder(self.folder.path)
-        except OSError:
-            pass  # not empty: others still work, or it is not there
+    def remove_gone(self) -> None:
+        """Remove logs, but for those of processes that certainly still work: all they say is kept elsewhere.
+
+        A process whose log is gone removes at its end what it has appended since.
+        """
+        self._files.remove([name for name in self._lengths() if not self._files.works(name)])

@@ -63,6 +63,11 @@ def is_name(text: str) -> bool:
     return _OWNER.fullmatch(text) is not None
 
 
+def is_here(owner: str) -> bool:
+    """Whether a process runs, or ran, on this host."""
+    return is_name(owner) and owner.startswith(_machine())
+
+
 def is_gone(owner: str) -> bool:
     """Whether a process certainly runs no more; False of another host's, of which nothing is known."""
     if not is_name(owner):

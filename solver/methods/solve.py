@@ -22,6 +22,7 @@ from roundel.datasets.layout.contents import Part
 from roundel.datasets.layout.files import CAMERAS, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
 from roundel.datasets.layout.shards import SHARD_FRAMES
+from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.writing import clear_leftovers
 from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.scenes.errors import UsageError
@@ -65,7 +66,7 @@ class _Frame:
 
 
 def solve_dataset(
-    dataset_path: str | Path,
+    dataset_path: Address,
     out_path: str | Path,
     methods: Sequence[str] = (DEFAULT_METHOD,),
     intrinsics: Sequence[str] = ("true",),
@@ -255,7 +256,7 @@ def _solved(
         for block, part in work:
             yield from _solve_block(run, block, part)
         return
-    shared = pickled((run.images.path.resolve(), run.knowledge))
+    shared = pickled((run.images.contents.folder.address(), run.knowledge))
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
     work_of = _work, _start_worker, (shared, list(run.methods))
     pools = WorkerPool(min(jobs, len(first)), *work_of, died) if scheduler is None else ClusterPool(scheduler, *work_of)
@@ -351,10 +352,7 @@ def _frames(
     wanted: range | None,
     only_circles: bool,
 ) -> list[_Frame]:
-    """Frames of a shard to solve, with their cameras.
-
-    `only_circles`: only frames with a circular marker.
-    """
+    """Frames of a shard to solve, with their cameras; `only_circles`: only those with a circular marker."""
     before = sum(part.frames for part in images.contents.parts[:number])
     out = []
     for i in range(before, before + images.contents.parts[number].frames):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.writing import write_file
 from roundel.scenes.camera.model import Camera, project, ray_direction
 from roundel.scenes.errors import NotComparableError
@@ -181,7 +182,7 @@ def errors_of_frames(dataset: Dataset, camera: Camera, frame_ids: set[int]) -> d
 
 
 def calibrate_dataset(
-    dataset_path: str | Path,
+    dataset_path: Address,
     camera_path: str | Path,
     group: str | None = None,
     count: int | None = None,

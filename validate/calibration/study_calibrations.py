@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.store.addresses import Address
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError
 from roundel.scenes.study.schema import SolveSection
@@ -53,7 +54,7 @@ class Calibrations:
 
 
 def calibrate_study(
-    dataset_path: str | Path, solve: SolveSection, camera_path: Path, folder: Path
+    dataset_path: Address, solve: SolveSection, camera_path: Path, folder: Path
 ) -> tuple[list[dict[str, Any]], dict[str, Path]]:
     """The camera files required by a study's intrinsics; the boards are detected once.
 

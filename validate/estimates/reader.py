@@ -19,7 +19,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from roundel.datasets.store.folder import Folder, MissingFile
+from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.store import MissingFile
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.solver.estimates import CHECKSUM, ESTIMATES, METADATA, estimates_schema
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns

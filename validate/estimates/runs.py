@@ -117,7 +117,7 @@ def touched_groups(paths: list[Path], dataset: Dataset) -> frozenset[str]:
         if len(unknown):
             more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
             raise NotComparableError(
-                f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.path} does not have; "
+                f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.address} does not have; "
                 "give the dataset that they were made from"
             )
         touched |= set(groups[np.isin(ids, found)].tolist())
@@ -132,13 +132,13 @@ def _read(path: Path, dataset: Dataset, frames: range | None) -> pa.Table:
     made_of, here = dataset_of(table), str(dataset.manifest["dataset_id"])
     if made_of is not None and made_of != here:
         raise NotComparableError(
-            f"{path}: the estimates are of dataset {made_of[:12]}, but {dataset.path} is {here[:12]}; "
+            f"{path}: the estimates are of dataset {made_of[:12]}, but {dataset.address} is {here[:12]}; "
             "give the dataset that they were made from"
         )
     images = images_of(table)
     if images is not None and images != dataset.images.images_sha256:
         raise NotComparableError(
-            f"{path}: the estimates were made from other images of {dataset.path} ({images[:12]}, now "
+            f"{path}: the estimates were made from other images of {dataset.address} ({images[:12]}, now "
             f"{dataset.images.images_sha256[:12]}); solve it again"
         )
     for name in (*KEY, "chosen", "status"):
@@ -275,7 +275,7 @@ def _check_frames(table: pa.Table, dataset: Dataset, path: Path) -> None:
     if unknown:
         more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
         raise NotComparableError(
-            f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.path} does not have; "
+            f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.address} does not have; "
             "give the dataset that they were made from"
         )
 

@@ -21,6 +21,7 @@ from roundel.datasets.layout.contents import images_digest
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.truth_table import parquet_bytes
+from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import document_of
 from roundel.datasets.store.writing import sha256, write_file
@@ -42,7 +43,7 @@ class HeldBack:
     kept: Path
 
 
-def hold_back(dataset_path: str | Path, public: str | Path, kept: str | Path) -> HeldBack:
+def hold_back(dataset_path: Address, public: str | Path, kept: str | Path) -> HeldBack:
     """Split a dataset into images without truth, and the truth with its salt.
 
     Parameters
@@ -63,9 +64,11 @@ def hold_back(dataset_path: str | Path, public: str | Path, kept: str | Path) ->
     """
     dataset, out = open_dataset(dataset_path), HeldBack(Path(public), Path(kept))
     if not frames_of_league(dataset):
-        raise NotComparableError(f"{dataset.path}: no group is named CONDITION.VARIANT; give a dataset of the league")
+        raise NotComparableError(
+            f"{dataset.address}: no group is named CONDITION.VARIANT; give a dataset of the league"
+        )
     if any("image" not in record for record in dataset.images.records):
-        raise NotComparableError(f"{dataset.path}: has frames of points, without images; nobody could solve them")
+        raise NotComparableError(f"{dataset.address}: has frames of points, without images; nobody could solve them")
     for folder in (out.public, out.kept):
         if folder.exists():
             raise UsageError(f"{folder}: is there already; name a new folder")
@@ -110,7 +113,7 @@ def open_held_back(public: str | Path, kept: str | Path) -> Dataset:
         If the truth is not that of the images.
     """
     public, kept = Path(public), Path(kept)
-    images, (manifest, _) = open_images(public), read_manifest(Folder(public))
+    images, (manifest, _) = open_images(public), read_manifest(store_at(public))
     if COMMITMENT not in manifest:
         raise NotComparableError(f"{public}: nothing is held back of this dataset; leave out --truth")
     try:
@@ -126,7 +129,7 @@ def open_held_back(public: str | Path, kept: str | Path) -> Dataset:
     for record, told in zip(records, identities, strict=True):
         for marker, own in zip(record["markers"], told, strict=True):
             marker["layout"].update(own)
-    return Dataset(public, replace(images, records=records), manifest, truth, sha256(data))
+    return Dataset(replace(images, records=records), manifest, truth, sha256(data))
 
 
 def _listed(data: bytes) -> dict[str, Any]:

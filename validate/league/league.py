@@ -49,7 +49,7 @@ def outcomes_of_entries(dataset: Dataset, solved: Sequence[Solved]) -> pa.Table:
     truth = frames_of_league(dataset)
     if not truth:
         raise NotComparableError(
-            f"{dataset.path}: no group is named CONDITION.VARIANT; give a dataset of the study `league`"
+            f"{dataset.address}: no group is named CONDITION.VARIANT; give a dataset of the study `league`"
         )
     tables = []
     for one in solved:

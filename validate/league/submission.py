@@ -45,7 +45,9 @@ def submitted_outcomes(submission: str | Path, dataset: Dataset, name: str | Non
     _check_dataset(file, dataset)
     truth = frames_of_league(dataset)
     if not truth:
-        raise NotComparableError(f"{dataset.path}: no group is named CONDITION.VARIANT; give a dataset of the league")
+        raise NotComparableError(
+            f"{dataset.address}: no group is named CONDITION.VARIANT; give a dataset of the league"
+        )
     runs, tables = read_runs([file], dataset), []
     methods = sorted({run.method for run in runs})
     if name is not None and len(methods) > 1:
@@ -69,8 +71,8 @@ def _check_dataset(file: Path, dataset: Dataset) -> None:
     wrong = sorted({text for text in said if len(text) < _SHORTEST_ID or not here.startswith(text)})
     if wrong:
         raise NotComparableError(
-            f"{file}: it is of dataset {wrong[0][:_SHORTEST_ID]!r}, but {dataset.path} is {here[:_SHORTEST_ID]}; solve "
-            "the images of this dataset"
+            f"{file}: it is of dataset {wrong[0][:_SHORTEST_ID]!r}, but {dataset.address} is {here[:_SHORTEST_ID]}; "
+            "solve the images of this dataset"
         )
 
 
@@ -137,7 +139,7 @@ def published(folder: str | Path, dataset: Dataset) -> pa.Table:
     for key, what in (("dataset_id", "dataset"), ("truth_sha256", "truth"), ("images_sha256", "set of images")):
         if theirs.get(key) != mine[key]:
             raise NotComparableError(
-                f"{folder}: its {what} is {str(theirs.get(key))[:12]}, that of {dataset.path} is {mine[key][:12]}; "
+                f"{folder}: its {what} is {str(theirs.get(key))[:12]}, that of {dataset.address} is {mine[key][:12]}; "
                 "they cannot be compared"
             )
     return table

@@ -33,7 +33,7 @@ def _first_frames(dataset: Dataset) -> dict[str, tuple[int, int]]:
         try:
             count = frame_count(GroupSection.model_validate(sections[name]))
         except (ValueError, KeyError) as error:
-            raise DataError(f"{dataset.path}: the study in its manifest is damaged: group {name!r:.80}") from error
+            raise DataError(f"{dataset.address}: the study in its manifest is damaged: group {name!r:.80}") from error
         out[name] = first, count
         first += count
     if out:

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from roundel.datasets.store.folder import Folder, Listed, MissingFile, is_confined
+from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.owner import is_gone, own_name
+from roundel.datasets.store.store import Listed, MissingFile, is_confined
 from roundel.datasets.store.writing import clear_leftovers, leftovers, new_file, owner_of, sha256, temporary_name
 from roundel.scenes.errors import DataError
 

@@ -66,9 +66,10 @@ def test_a_torn_record_is_left_out_and_said(tmp_path: Path) -> None:
     own = OwnLog(folder, {})
     own.append({"n": 1}, {"n": 2})
     own.close()
-    whole = own.path.read_bytes()
+    path = tmp_path / "log" / f"{own.name}.jsonl"
+    whole = path.read_bytes()
     for cut in range(len(whole) - 1, len(line_of({"log": 1})) + 1, -1):
-        own.path.write_bytes(whole[:cut])
+        path.write_bytes(whole[:cut])
         logs = Logs(folder)
         found = read(logs)
         assert found == [1, 2][: len(records_of(whole[:cut])[0]) - 1]
@@ -94,7 +95,7 @@ def test_a_killed_process_is_known_to_be_gone(tmp_path: Path) -> None:
     assert process.stdout.readline() == "here\n"
     logs = Logs(Folder(tmp_path))
     assert read(logs) == [1]
-    (name,) = logs.names()
+    (name,) = Folder(tmp_path).logs().lengths()
     assert logs.is_live(name)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate()
