@@ -1,4 +1,4 @@
-"""The verbs that look after datasets: verify, repair, merge; and reading one that is not finished."""
+"""The verbs that look after datasets: verify, repair, merge, pull; and reading one that is not finished."""
 
 from __future__ import annotations
 
@@ -129,4 +129,15 @@ def merge(arguments: argparse.Namespace) -> int:
         )
     state = "complete" if not missing else f"{missing} frames are still missing"
     print(f"{arguments.out}: {total - missing} of {total} frames, {state}")
+    return 0
+
+
+def pull(arguments: argparse.Namespace) -> int:
+    """Fetch a dataset, or some of its frames."""
+    from roundel.datasets.pull import pull_dataset
+
+    with progress("pull") as show:
+        pulled = pull_dataset(str(_there(arguments.dataset)), arguments.out, arguments.frames, show)
+    state = "the whole dataset" if pulled.complete else "a part of the dataset"
+    print(f"{arguments.out}: {pulled.frames} frames, {pulled.fetched} files of frames fetched: {state}")
     return 0

@@ -20,7 +20,7 @@ BACKENDS = ("llvm", "cuda", "auto")
 AddVerb = Callable[[str, str], argparse.ArgumentParser]
 
 _STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
-_DATASET = "folder of a dataset, written by `roundel render`"
+_DATASET = "dataset: its folder, or an address such as s3://bucket/name"
 _REPORT = "folder of a report, written by `roundel validate`"
 _OUT = "folder to write to"
 
@@ -65,7 +65,11 @@ def _add_studies(add: AddVerb) -> None:
 def _add_rendering(add: AddVerb) -> None:
     render = add("render", "render a study to a dataset; resumes automatically")
     render.add_argument("study", metavar="STUDY", help=_STUDY)
-    render.add_argument("dataset", metavar="DATASET", help="folder to write to; a partial dataset is completed")
+    render.add_argument(
+        "dataset",
+        metavar="DATASET",
+        help="folder, or address such as s3://bucket/name, to write to; a partial dataset is completed",
+    )
     render.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames")
     render.add_argument(
         "--slice", type=part_of, metavar="I/N", help="only the I-th of N equal parts, I from 1 (0 is the same as N)"
@@ -96,7 +100,7 @@ def _add_rendering(add: AddVerb) -> None:
 
     develop = add("develop", "re-expose a dataset's radiance for another sensor, without rendering")
     develop.add_argument("dataset", metavar="DATASET", help=_DATASET)
-    develop.add_argument("out", metavar="OUT", help="folder of the new dataset")
+    develop.add_argument("out", metavar="OUT", help="folder, or address, of the new dataset")
     develop.add_argument(
         "--sensor",
         required=True,
@@ -113,8 +117,19 @@ def _add_rendering(add: AddVerb) -> None:
     repair.add_argument("--study", metavar="STUDY", help="the study, if the dataset's own copies of it are lost")
 
     merge = add("merge", "join datasets that hold parts of the same study, rendered on machines without a shared disk")
-    merge.add_argument("parts", metavar="PART", nargs="+", help="folder of a part, from `roundel render --slice`")
-    merge.add_argument("out", metavar="DATASET", help="folder to write to: a new one, or a part of the same study")
+    merge.add_argument(
+        "parts", metavar="PART", nargs="+", help="folder or address of a part, from `roundel render --slice`"
+    )
+    merge.add_argument(
+        "out", metavar="DATASET", help="folder or address to write to: a new one, or a part of the same study"
+    )
+
+    pull = add("pull", "fetch a dataset, or some of its frames, from an object store, a web server or another folder")
+    pull.add_argument("dataset", metavar="ADDRESS", help="such as s3://bucket/name or https://host/name, or a folder")
+    pull.add_argument("out", metavar="DATASET", help="folder to write to; what is there already is kept")
+    pull.add_argument(
+        "--frames", type=frame_range, metavar="A:B", help="only these frames, beside those that are there"
+    )
     for parser in (repair, merge):
         _add_mixing(parser)
 

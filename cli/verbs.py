@@ -26,7 +26,7 @@ def do_check(arguments: argparse.Namespace) -> int:
     if arguments.study is None:
         raise UsageError("check: give a STUDY or --schema")
     from roundel.cli.cost import cost_of
-    from roundel.datasets.finish import study_bytes
+    from roundel.datasets.records import study_bytes
 
     study = _study(arguments.study)
     with progress("check") as show:
@@ -362,6 +362,13 @@ def do_repair(arguments: argparse.Namespace) -> int:
     from roundel.cli.dataset_verbs import repair
 
     return repair(arguments)
+
+
+def do_pull(arguments: argparse.Namespace) -> int:
+    """Fetch a dataset, or some of its frames."""
+    from roundel.cli.dataset_verbs import pull
+
+    return pull(arguments)
 
 
 def do_merge(arguments: argparse.Namespace) -> int:

@@ -6,23 +6,20 @@ same shard at the same time.
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
-import yaml
 
 from roundel.datasets.environment import Environment
-from roundel.datasets.fidelity.summary import join_summaries, summarise
-from roundel.datasets.flags import count_flags, flags_of_rows, marker_flags
+from roundel.datasets.flags import marker_flags
 from roundel.datasets.layout import files, journal
-from roundel.datasets.layout.contents import images_digest, joined_digest
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
+from roundel.datasets.records import Rows, shard_record, slim
 from roundel.datasets.store.records import document_of
 from roundel.datasets.store.store import Listed, Store
 from roundel.datasets.store.writing import sha256
@@ -30,19 +27,11 @@ from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.camera.row_time import row_time_to_json
 from roundel.scenes.errors import DataError
 from roundel.scenes.markers.marker import Part
-from roundel.scenes.study.identity import SAMPLING_VERSION
 from roundel.scenes.study.study import Study
 from roundel.scenes.truth.edge_points import edge_points_of
 from roundel.scenes.truth.row_poses import row_poses_of
 from roundel.scenes.truth.truth import truth_of
-from roundel.scenes.world.frame import Frame, frames_of, total_frames
-
-
-def study_bytes(study: Study) -> bytes:
-    """The resolved study as YAML."""
-    sink = io.StringIO()
-    yaml.safe_dump(study.resolved(), sink, sort_keys=False, width=120)
-    return sink.getvalue().encode()
+from roundel.scenes.world.frame import Frame, frames_of
 
 
 def json_bytes(value: Any) -> bytes:
@@ -123,44 +112,13 @@ def finish_shard(
     listed: dict[str, dict[str, Any]] = {n: {"sha256": sha256(d), "bytes": len(d)} for n, d in written.items()}
     for entry in done.entries.values():
         listed.update(entry["files"])
-    used = {str(entry["environment"]) for entry in done.entries.values() if "environment" in entry}
-    record = {
-        "schema": 2,
-        "dataset_id": study.digest(),
-        "first_frame": shard.frames.start,
-        "complete": complete,
-        "counts": {
-            "frames": len(contents.cameras),
-            "images": len(done.entries),
-            "markers": len(contents.rows),
-            "groups": _counted(str(camera["group"]) for camera in contents.cameras),
-            "flags": count_flags(flags_of_rows(contents.rows)),
-        },
-        "environments": {key: done.environments[key] for key in sorted(used)},
-        "fidelity": summarise([m for i in sorted(done.entries) for m in done.entries[i]["fidelity"].values() if m]),
-        "files": dict(sorted(listed.items())),
-        "images_sha256": images_digest(listed),
-    }
-    if developed_from is not None:
-        record["developed_from"] = developed_from
+    about = Rows(contents.cameras, contents.rows, done.entries, done.environments)
+    record = shard_record(study.digest(), shard, complete, about, listed, developed_from)
     if not shard.folder:
         return record
     data = document_of(record)
     here.write(files.SHARD, data)
     return slim(record, Listed(len(data), sha256(data)))
-
-
-def slim(record: dict[str, Any], listed: Listed) -> dict[str, Any]:
-    """The record of a shard without its files, and with its own size and checksum: the manifest's share of it."""
-    bare = {name: value for name, value in record.items() if name != "files"}
-    return {**bare, "document": {"bytes": listed.bytes, "sha256": listed.sha256}}
-
-
-def _counted(names: Iterable[str]) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-    return counts
 
 
 @dataclass(frozen=True)
@@ -231,93 +189,3 @@ def _old_timings(here: Store) -> dict[int, dict[str, float]]:
         return {int(record["frame_id"]): record for record in records}
     except (DataError, ValueError, KeyError, TypeError):
         return {}
-
-
-def write_manifest(
-    study: Study,
-    folder: Store,
-    shards: list[tuple[Shard, dict[str, Any]]],
-    own: Environment,
-) -> dict[str, Any]:
-    """Write the manifest of a dataset from the records of its shards, and return it.
-
-    Parameters
-    ----------
-    study : Study
-    folder : Store
-    shards : list of (Shard, dict)
-        The shards that are there, with their records.
-    own : dict
-        The environment of this process: that of a dataset without a rendered frame.
-
-    Raises
-    ------
-    DataError
-        If it cannot be written.
-    """
-    data = study_bytes(study)
-    if folder.size(files.STUDY) != len(data) or folder.read(files.STUDY) != data:
-        folder.write(files.STUDY, data)
-    environments: dict[str, Environment] = {}
-    for _, record in shards:
-        environments |= record["environments"]
-    main = next(iter(_in_frame_order(shards)), own)
-    counts = [record["counts"] for _, record in shards]
-    total = total_frames(study)
-    single = len(shards) == 1 and not shards[0][0].folder
-    manifest: dict[str, Any] = {
-        "schema": 2,
-        "tool": "roundel",
-        "name": study.name,
-        "licence": study.licence,
-        "study": study.resolved(),
-        "study_sha256": sha256(data),
-        "dataset_id": study.digest(),
-        "sampling_version": SAMPLING_VERSION,
-        "seed": study.seed,
-        "groups": list(study.groups),
-        **main,
-        "counts": {
-            **{name: sum(c[name] for c in counts) for name in ("frames", "images", "markers")},
-            "groups": _summed(study.groups, [c["groups"] for c in counts]),
-            "flags": _summed((), [c["flags"] for c in counts]),
-        },
-        "complete": sum(c["frames"] for c in counts) == total and all(r["complete"] for _, r in shards),
-        "fidelity": shards[0][1]["fidelity"] if single else join_summaries([r["fidelity"] for _, r in shards]),
-        "files": {files.STUDY: {"sha256": sha256(data), "bytes": len(data)}},
-        "images_sha256": joined_digest([(shard.folder, r["images_sha256"]) for shard, r in shards]),
-    }
-    if len(environments) > 1:
-        manifest["environments"] = dict(sorted(environments.items()))
-    developed = {r["developed_from"] for _, r in shards if "developed_from" in r}
-    if developed:
-        manifest["developed_from"] = min(developed)
-    if single:
-        manifest["files"] = dict(sorted({**manifest["files"], **shards[0][1]["files"]}.items()))
-    else:
-        manifest["shards"] = [_part(shard, record) for shard, record in shards]
-    folder.write(files.MANIFEST, document_of(manifest))
-    return manifest
-
-
-def _in_frame_order(shards: list[tuple[Shard, dict[str, Any]]]) -> Iterator[Environment]:
-    """Environments of the shards, the first shard's first; of several in a shard the first by key."""
-    for _, record in shards:
-        yield from record["environments"].values()
-
-
-def _summed(names: Iterable[str], counts: list[dict[str, int]]) -> dict[str, int]:
-    every = dict.fromkeys([*names, *(name for each in counts for name in each)], 0)
-    for each in counts:
-        for name, number in each.items():
-            every[name] += number
-    return every
-
-
-def _part(shard: Shard, record: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "folder": shard.folder,
-        "frames": [shard.frames.start, record["counts"]["frames"]],
-        **record["document"],
-        "images_sha256": record["images_sha256"],
-    }

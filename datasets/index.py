@@ -6,11 +6,12 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, key_of
-from roundel.datasets.finish import Frames, finish_shard, slim, write_manifest
+from roundel.datasets.finish import Frames, finish_shard
 from roundel.datasets.layout import files
 from roundel.datasets.layout.manifest import read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
+from roundel.datasets.records import slim, write_manifest
 from roundel.datasets.resume import held_study, recorded_environments
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.store import Store

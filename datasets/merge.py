@@ -13,7 +13,7 @@ from roundel.datasets.resume import held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.store import Listed, Store
 from roundel.datasets.work import Participant, Work, finish_what_is_complete, is_whole, tidy
-from roundel.scenes.errors import NotComparableError
+from roundel.scenes.errors import DataError, NotComparableError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import total_frames
 
@@ -76,6 +76,8 @@ def merge_datasets(
             progress(done, total)
     if finish_what_is_complete(Work(study, target, range(total_frames(study)), own, mix_environments)):
         tidy(target, shards, study)
+    elif not missing:
+        raise DataError(f"{target}: all frames are there, but a record cannot be read; run the command again")
     return missing, total
 
 

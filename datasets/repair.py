@@ -11,12 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from roundel.datasets.finish import study_bytes
 from roundel.datasets.index import image_ids, progress_of
 from roundel.datasets.layout import files
 from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
+from roundel.datasets.records import study_bytes
 from roundel.datasets.resume import held_study
 from roundel.datasets.store.store import LOG, Listed, Store
 from roundel.scenes.errors import DataError, RoundelError, UsageError

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from roundel.datasets.environment import Environment, key_of
-from roundel.datasets.finish import study_bytes
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard
+from roundel.datasets.records import study_bytes
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.store import Store

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 
 from roundel.datasets.store.log_objects import LogObjects
 from roundel.datasets.store.object_failures import failure, is_final
-from roundel.datasets.store.store import MOST_BYTES, LogFiles, MissingFile, Store
+from roundel.datasets.store.store import MOST_BYTES, Listed, LogFiles, MissingFile, Store
 from roundel.scenes.errors import DataError, UsageError
 
 T = TypeVar("T")
@@ -161,6 +161,21 @@ class Bucket(Store):
             return data
 
         return self._ask(name, whole)
+
+    def read_checked(self, name: str, listed: Listed, remedy: str) -> bytes:
+        """The bytes of an object that a record lists; those that are not right are asked for once more.
+
+        Raises
+        ------
+        DataError
+            If they are not those that were recorded; `remedy` is what to do.
+        """
+        try:
+            return super().read_checked(name, listed, remedy)
+        except MissingFile:
+            raise
+        except DataError:
+            return super().read_checked(name, listed, remedy)
 
     def write(self, name: str, data: bytes) -> None:
         """Write an object; it is there completely or not at all.

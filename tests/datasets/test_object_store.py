@@ -272,3 +272,71 @@ def test_a_link_takes_a_file_of_a_folder_and_a_copy_one_of_a_store(server: str, 
     assert there.read("back") == here.read("linked") == b"data"
     assert (tmp_path / "a" / "linked").stat().st_nlink == 2
     shutil.rmtree(tmp_path / "a")
+
+
+def test_pull_fetches_all_or_some(whole: Path, remote: str, web: str, tmp_path: Path, capsys) -> None:
+    for name, address in (("s3", remote), ("web", web), ("folder", str(whole / "ds"))):
+        out = tmp_path / name
+        assert main(["pull", address, str(out), "--frames", "1:3"]) == 0
+        part = open_dataset(out)
+        assert (part.images.frame_ids, part.images.complete, part.verify(full=True)) == ([1, 2], False, [])
+        assert sorted(p.name for p in (out / "shards" / "00000" / "images").iterdir()) == ["000001.png", "000002.png"]
+        assert part.truth.equals(open_dataset(whole / "ds").truth.slice(1, 2))
+        # Those of another shard, and of points, come beside them.
+        assert main(["pull", address, str(out), "--frames", "9:10"]) == 0
+        part = open_dataset(out)
+        assert (part.images.frame_ids, part.manifest["counts"]["frames"]) == ([1, 2, 9], 3)
+        assert set(part.images.points(2)) == {0}
+        assert main(["verify", str(out), "--full"]) == 0
+        assert main(["solve", str(out), str(tmp_path / f"{name}-estimates")]) == 0
+        assert "not finished: some frames are missing" in capsys.readouterr().err
+        assert main(["pull", address, str(out)]) == 0
+        assert digests(out) == digests(whole / "ds")
+        assert "the whole dataset" in capsys.readouterr().out
+        assert main(["pull", address, str(out)]) == 0
+        assert " 0 files of frames fetched" in capsys.readouterr().out
+
+
+def test_a_pulled_part_is_completed_by_rendering(whole: Path, web: str, tmp_path: Path) -> None:
+    assert main(["pull", web, str(tmp_path / "ds"), "--frames", "2:6"]) == 0
+    assert render_study(whole / "study.yaml", tmp_path / "ds") is not None
+    assert digests(tmp_path / "ds") == digests(whole / "ds")
+
+
+def test_a_pull_that_was_interrupted_goes_on(whole: Path, remote: str, tmp_path: Path) -> None:
+    out = tmp_path / "ds"
+    assert main(["pull", remote, str(out)]) == 0
+    for name in ("manifest.json", "shards/00001/shard.json", "shards/00000/images/000001.png"):
+        (out / name).unlink()
+    (out / "shards/00000/images/000002.png").write_bytes(b"half")
+    (out / "shards/00000/images/stray.png").write_bytes(b"stray")
+    assert main(["pull", remote, str(out)]) == 0
+    assert digests(out) == digests(whole / "ds")
+
+
+def test_what_cannot_be_pulled_is_said(server: str, whole: Path, web: str, tmp_path: Path, capsys) -> None:
+    def said(*words: object) -> tuple[int, str]:
+        code = main([str(word) for word in words])
+        return code, capsys.readouterr().err
+
+    small_study(tmp_path, *TINY, ("seed: 3", "seed: 4"))
+    render_study(tmp_path / "study.yaml", tmp_path / "other")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    ds = whole / "ds"
+    for words, code, part in (
+        ((web, tmp_path / "x", "--frames", "50:60"), 2, "the dataset has no such frame"),
+        ((ds, ds), 2, "is the dataset itself"),
+        ((ds, tmp_path / "other"), 3, "holds another dataset"),
+        ((ds, tmp_path / "mine"), 2, "is not empty and not a dataset"),
+        ((tmp_path / "nothing", tmp_path / "y"), 4, "there is no such folder"),
+        ((f"{web}2", tmp_path / "z"), 4, "is missing"),
+    ):
+        found, line = said("pull", *words)
+        assert (found, part in line) == (code, True), line
+        assert line.count("\n") == 1
+    assert not (tmp_path / "x").exists()
+    copied(ds, f"s3://{BUCKET}/cut")
+    client_of(f"s3://{BUCKET}/cut").put("shards/00000/images/000000.png", b"other")
+    code, line = said("pull", f"s3://{BUCKET}/cut", tmp_path / "cut")
+    assert (code, "000000.png: 5 bytes, but" in line) == (4, True)

@@ -16,9 +16,10 @@ from scipy.ndimage import binary_dilation
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import environment_of, key_of
-from roundel.datasets.finish import Frames, finish_shard, study_bytes, write_manifest
+from roundel.datasets.finish import Frames, finish_shard
 from roundel.datasets.layout import files
 from roundel.datasets.layout.shards import shard_of, shards_of
+from roundel.datasets.records import study_bytes, write_manifest
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.camera.model import Camera

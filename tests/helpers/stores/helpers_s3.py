@@ -74,10 +74,14 @@ def settings(address: str) -> dict[str, str]:
 
 @dataclass
 class Faults:
-    """What a proxy does to one request in `every`: drop it, delay it, cut the answer or the request short."""
+    """What a proxy does to one request in `every`: drop it, delay it, cut the answer or the request short.
+
+    A `lie` is an answer that is cut short and has the length of what is left.
+    """
 
     every: int
     seed: int = 0
+    kinds: tuple[str, ...] = ("drop", "delay", "cut answer", "cut request", "drop answer", "refuse")
     counts: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -86,8 +90,7 @@ class Faults:
     def next(self) -> str:
         """The kind of the next request's fault; empty for none."""
         with self._lock:
-            kinds = ("drop", "delay", "cut answer", "cut request", "drop answer", "refuse")
-            kind = self._draw.choice(kinds) if self._draw.randrange(self.every) == 0 else ""
+            kind = self._draw.choice(self.kinds) if self._draw.randrange(self.every) == 0 else ""
             self.counts[kind] = self.counts.get(kind, 0) + 1
             return kind
 
@@ -131,12 +134,14 @@ def faulty_proxy(target: str, faults: Faults) -> Iterator[str]:
                 data = answer.read()
             if kind == "drop answer":
                 return
+            if kind == "lie" and self.command == "GET":
+                data = data[: len(data) // 2]
+            length = answer.headers["Content-Length"] if self.command == "HEAD" else str(len(data))
             self.send_response(answer.status)
             for name, value in answer.getheaders():
-                if name.lower() not in ("transfer-encoding", "connection", "date", "server"):
+                if name.lower() not in ("transfer-encoding", "connection", "date", "server", "content-length"):
                     self.send_header(name, value)
-            if "Content-Length" not in answer.headers and self.command != "HEAD":
-                self.send_header("Content-Length", str(len(data)))
+            self.send_header("Content-Length", length or "0")
             self.end_headers()
             self.wfile.write(data[: len(data) // 2] if kind == "cut answer" else data)
 
