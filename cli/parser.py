@@ -88,7 +88,9 @@ def _add_rendering(add: AddVerb) -> None:
         )
         _add_scheduler(parser)
         _add_mixing(parser)
-        parser.add_argument("--threads", type=count, metavar="N", help="threads per process (default: all cores)")
+        parser.add_argument(
+            "--threads", type=count, metavar="N", help="threads per process (default: all cores, divided by --jobs)"
+        )
         parser.add_argument(
             "--backend",
             choices=BACKENDS,
@@ -107,6 +109,8 @@ def _add_rendering(add: AddVerb) -> None:
         metavar="FILE",
         help="YAML file with keys of a `sensor:` section, merged over those of each group",
     )
+
+    _add_jobs(develop)
 
     verify = add("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
     verify.add_argument("dataset", metavar="DATASET", help=_DATASET)
@@ -132,6 +136,13 @@ def _add_rendering(add: AddVerb) -> None:
     )
     for parser in (repair, merge):
         _add_mixing(parser)
+
+
+def _add_jobs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--jobs", type=count, default=1, metavar="N", help="number of processes (default 1); the results are the same"
+    )
+    _add_scheduler(parser)
 
 
 def _add_scheduler(parser: argparse.ArgumentParser) -> None:
@@ -187,10 +198,7 @@ def _add_solving(add: AddVerb) -> None:
     )
     solve.add_argument("--frames", type=frame_range, metavar="A:B", help="only these frames of a dataset")
     solve.add_argument("--group", action="append", metavar="GROUP", help="only this group; repeatable")
-    solve.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="number of processes (default 1); the results are the same"
-    )
-    _add_scheduler(solve)
+    _add_jobs(solve)
     solve.add_argument(
         "--knowledge",
         metavar="WORDS",
@@ -244,6 +252,7 @@ def _add_scoring(add: AddVerb) -> None:
     validate.add_argument(
         "--camera", metavar="FILE", help="calibrated camera, for the pose of a chessboard beside the marker"
     )
+    _add_jobs(validate)
 
     compare = add("compare", "write one page over several reports, paired by frame if they share a dataset")
     compare.add_argument(

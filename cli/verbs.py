@@ -132,7 +132,15 @@ def do_develop(arguments: argparse.Namespace) -> int:
     from roundel.render.redevelop import develop_dataset
 
     with progress("develop") as show:
-        dataset = develop_dataset(arguments.dataset, arguments.out, arguments.sensor, show, on_warning=_warn)
+        dataset = develop_dataset(
+            arguments.dataset,
+            arguments.out,
+            arguments.sensor,
+            show,
+            on_warning=_warn,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+        )
     _warn_of_flags(dataset)
     identity, source = (str(dataset.manifest[key])[:12] for key in ("dataset_id", "developed_from"))
     print(f"{arguments.out}: {len(dataset)} frames, dataset_id {identity}, developed from {source}")

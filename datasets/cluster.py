@@ -15,7 +15,7 @@ from contextlib import suppress
 from typing import Any
 
 from roundel.datasets.environment import versions
-from roundel.datasets.worker_pool import Lost
+from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.scenes.errors import BackendError, DataError, UsageError, first_line
 
 # Waited for a scheduler that does not answer, and for the first worker, seconds.
@@ -138,6 +138,31 @@ class ClusterPool:
 
     def _threads(self) -> int:
         return sum(self._client.nthreads().values()) if self._client.status == "running" else 1
+
+
+def pool_of(
+    jobs: int,
+    scheduler: str | None,
+    work: Callable[..., Any],
+    start: Callable[..., None],
+    arguments: tuple[Any, ...],
+    died: str,
+    stop: Callable[[], None] | None = None,
+) -> WorkerPool | ClusterPool:
+    """Workers of a scheduler, if its address is given; else processes of this machine. See `WorkerPool`."""
+    if scheduler is not None:
+        return ClusterPool(scheduler, work, start, arguments, stop)
+    return WorkerPool(jobs, work, start, arguments, died)
+
+
+def threads_of_worker() -> int | None:
+    """As many threads as the worker of a cluster that this process is may use (`--nthreads`); None if it is none."""
+    try:
+        from distributed import get_worker
+
+        return int(get_worker().state.nthreads)
+    except (ImportError, ValueError):
+        return None
 
 
 def _connected(address: str) -> Any:

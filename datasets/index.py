@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, key_of
@@ -23,7 +23,7 @@ Records = list[tuple[Shard, dict[str, Any]]]
 
 
 def finishing(folder: Store) -> AbstractContextManager[None]:
-    """A block in which one process at a time writes tables and records of a dataset; the others wait."""
+    """A block in which one process at a time writes tables and records of a shard, or the manifest; the others wait."""
     return folder.alone()
 
 
@@ -120,10 +120,12 @@ def index_frames(path: Address, own: Environment) -> tuple[int, int]:
         for shard in shards_of(total_frames(study)):
             record = finished_record(folder, shard, study.digest())
             if record is None:
-                state = progress_of(folder, shard, study)
-                if not state.entries and image_ids(study, shard):
-                    continue
-                record = finish_frames(study, folder, state, own, mix=True)
+                with finishing(folder.sub(shard.folder)) if shard.folder else nullcontext():
+                    state = progress_of(folder, shard, study)
+                    if not state.entries and image_ids(study, shard):
+                        continue
+                    record = finished_record(folder, shard, study.digest())
+                    record = record or finish_frames(study, folder, state, own, mix=True)
             records.append((shard, record))
         if not records:
             raise DataError(f"{path}: no frame is done yet; run `roundel render` again")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
@@ -26,11 +27,23 @@ from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import total_frames
 
-# Takes frames of a shard and yields the id of each that is done and recorded, None for one that somebody else has
-# claimed, or what is left of one whose processes died.
-MakeFrames = Callable[[Shard, list[int]], Iterator[int | Lost[tuple[Shard, int]] | None]]
-
 _POLL_S = 0.2
+
+
+@dataclass(frozen=True)
+class Task:
+    """A frame of a shard to make; without a frame, the tables and record of the shard, whose frames are done."""
+
+    shard: Shard
+    frame_id: int | None = None
+
+    def __str__(self) -> str:
+        return f"shard {self.shard.folder}" if self.frame_id is None else f"frame {self.frame_id}"
+
+
+# Takes tasks as they come and yields, in whatever order, each with whether it was done: not, if somebody else has
+# claimed the frame; or what is left of one whose processes died.
+Make = Callable[[Iterable[Task]], Iterator[tuple[Task, bool] | Lost[Task]]]
 
 
 @dataclass
@@ -53,6 +66,8 @@ class Work:
         Called with one line.
     developed_from : str, optional
         See `finish_shard`.
+    together : bool
+        Whether frames of the next shard are made while those of one are still under way, by several workers.
     """
 
     study: Study
@@ -63,11 +78,12 @@ class Work:
     progress: Callable[[int, int], None] | None = None
     on_warning: Callable[[str], None] | None = None
     developed_from: str | None = None
+    together: bool = False
     done: int = 0
     total: int = 0
     finished: list[Shard] = field(default_factory=list)
+    lost: list[Lost[Task]] = field(default_factory=list)
     _ended: tuple[int, int] | None = None
-    lost: list[Lost[tuple[Shard, int]]] = field(default_factory=list)
 
     def say(self, more: int = 0) -> None:
         """Show the progress, after `more` frames."""
@@ -128,8 +144,6 @@ def is_whole(folder: Store, shards: Iterable[Shard]) -> bool:
 def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
     """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
     folder.clear_leftovers()
-    with finishing(folder):
-        pass  # the lock of a killed process goes at the end of the block
     for shard in shards:
         here = folder.sub(shard.folder)
         if here.names("log"):
@@ -137,7 +151,7 @@ def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
         here.clear_leftovers("", files.IMAGES, files.RADIANCE)
 
 
-def work_through(work: Work, make: MakeFrames) -> bool:
+def work_through(work: Work, make: Make) -> bool:
     """Make the wanted frames, finish their shards and, if no frame is missing, the dataset.
 
     Returns
@@ -151,30 +165,123 @@ def work_through(work: Work, make: MakeFrames) -> bool:
         As `render_study`.
     """
     shards = shards_within(total_frames(work.study), work.wanted)
-    ids = {shard: [i for i in image_ids(work.study, shard) if i in work.wanted] for shard in shards}
-    counts = {shard: len(range(*_overlap(shard.frames, work.wanted))) for shard in shards}
-    work.total = sum(counts.values())
+    work.total = sum(_wanted(work, shard) for shard in shards)
     work.say()
-    for shard in shards:
-        if _is_finished(work, shard):
-            work.finished.append(shard)
-            work.say(counts[shard])
-            continue
-        state = _opened(work, shard)
-        _make_all(work, state, ids[shard], make)
-        if not set(image_ids(work.study, shard)) - set(state.entries):
-            _finish_shard(work, shard)
-            work.finished.append(shard)
+    for batch in [shards] if work.together else ([shard] for shard in shards):
+        _Batch(work, batch, make).work()
+    work.say()
+    return not work.lost and _finish_dataset(work)
+
+
+def _wanted(work: Work, shard: Shard) -> int:
+    """How many frames of a shard are wanted."""
+    return len(range(max(shard.frames.start, work.wanted.start), min(shard.frames.stop, work.wanted.stop)))
+
+
+class _Batch:
+    """Shards that are worked through together: tasks are found as they are asked for."""
+
+    def __init__(self, work: Work, shards: list[Shard], make: Make) -> None:
+        self.job, self.make = work, make
+        self.waiting = list(shards)
+        self.states: dict[Shard, ShardProgress] = {}
+        self.counted: dict[Shard, int] = {}
+        self.given: dict[Shard, int] = {}
+        self.ready: deque[Shard] = deque()
+        self.set_aside: set[int] = set()
+        self.made = 0
+
+    def work(self) -> None:
+        """Make frames until all are done, by whomever, and finish shards of which none is missing."""
+        while self.waiting:
+            self.made = 0
+            self._take(self._tasks())
+            while self.ready:
+                self._take(self._finishes())
+            if self.waiting and not self.made:
+                time.sleep(_POLL_S)
+
+    def _take(self, tasks: Iterator[Task]) -> None:
+        for outcome in self.make(tasks):
+            task, done = (outcome.item, False) if isinstance(outcome, Lost) else outcome
+            if isinstance(outcome, Lost):
+                self.job.lost.append(outcome)
+                self.set_aside |= set() if task.frame_id is None else {task.frame_id}
+            self.made += done
+            if task.frame_id is None:
+                if done:
+                    self.job.finished.append(task.shard)
+                continue
+            if done:
+                self.counted[task.shard] += 1
+                self.job.say(1)
+            self.given[task.shard] -= 1
+            if not self.given[task.shard]:
+                self._close(task.shard)
+
+    def _finishes(self) -> Iterator[Task]:
+        while self.ready:
+            yield Task(self.ready.popleft())
+
+    def _tasks(self) -> Iterator[Task]:
+        for shard in list(self.waiting):
+            yield from self._finishes()
+            if shard not in self.states:
+                if _is_finished(self.job, shard):
+                    self.job.finished.append(shard)
+                    self.job.say(_wanted(self.job, shard))
+                    self.waiting.remove(shard)
+                    continue
+                self.states[shard] = _opened(self.job, shard)
+                self.counted[shard] = 0
+            free = [i for i in self._missing(shard) if not self.states[shard].is_claimed(i)]
+            self.given[shard] = len(free)
+            if not free:
+                self._close(shard)
+            for i in free:
+                yield Task(shard, i)
+                yield from self._finishes()
+
+    def _missing(self, shard: Shard) -> list[int]:
+        """Wanted frames of a shard that nobody has finished; those that others have finished since are counted."""
+        state = self.states[shard]
+        state.refresh()
+        ids = [i for i in image_ids(self.job.study, shard) if i in self.job.wanted]
+        missing = [i for i in ids if i not in state.entries and i not in self.set_aside]
+        news = len(ids) - len(missing) - self.counted[shard] - len(self.set_aside.intersection(ids))
+        self.counted[shard] += max(news, 0)
+        self.job.say(max(news, 0))
+        return missing
+
+    def _close(self, shard: Shard) -> None:
+        """After the tasks of a shard: wait for it no more if all wanted frames are done; finish it if all are."""
+        # What is recorded is there: of a store that lost a file the frame is made again.
+        if self._missing(shard) or self.states[shard].drop_incomplete():
+            return
+        self.waiting.remove(shard)
+        state = self.states.pop(shard)
         # Frames in points mode are made with the tables.
-        work.say(counts[shard] - len(ids[shard]))
-    work.say()
+        ids = image_ids(self.job.study, shard)
+        self.job.say(_wanted(self.job, shard) - sum(i in self.job.wanted for i in ids))
+        if not set(ids) - set(state.entries):
+            self.ready.append(shard)
+
+
+def refuse_lost(work: Work) -> None:
+    """Name what was set aside.
+
+    Raises
+    ------
+    DataError
+        If processes of a frame or shard died.
+    """
     if work.lost:
-        return False
-    return _finish_dataset(work)
-
-
-def _overlap(a: range, b: range) -> tuple[int, int]:
-    return max(a.start, b.start), min(a.stop, b.stop)
+        first, *more = work.lost
+        what = "it is" if not more else f"this and {len(more)} more are"
+        raise DataError(
+            f"{work.folder}: {first.item}: {first}; {what} set aside, all other frames are done; run the command again "
+            "to try once more"
+        )
 
 
 def finish_what_is_complete(work: Work) -> bool:
@@ -187,9 +294,7 @@ def finish_what_is_complete(work: Work) -> bool:
     """
     for shard in shards_within(total_frames(work.study), work.wanted):
         if not _is_finished(work, shard):
-            state = progress_of(work.folder, shard, work.study)
-            if not set(image_ids(work.study, shard)) - set(state.entries):
-                _finish_shard(work, shard)
+            finish(work, shard)
     return _finish_dataset(work)
 
 
@@ -227,48 +332,26 @@ def _opened(work: Work, shard: Shard) -> ShardProgress:
     return state
 
 
-def _make_all(work: Work, state: ShardProgress, ids: list[int], make: MakeFrames) -> None:
-    """Make frames until all are done, by whomever."""
-    counted = sum(i in state.entries for i in ids)
-    work.say(counted)
-    set_aside: set[int] = set()
-    while True:
-        state.refresh()
-        missing = [i for i in ids if i not in state.entries and i not in set_aside]
-        news = len(ids) - len(missing) - len(set_aside) - counted
-        if news > 0:
-            counted += news
-        work.say(max(news, 0))
-        if not missing:
-            # What is recorded is there: of a store that lost a file its frame is made again.
-            if not state.drop_incomplete():
-                return
-            continue
-        free = [i for i in missing if not state.is_claimed(i)]
-        made = 0
-        for result in make(state.shard, free):
-            if isinstance(result, Lost):
-                work.lost.append(result)
-                set_aside.add(result.item[1])
-            elif result is not None:
-                counted += 1
-                made += 1
-                work.say(1)
-        if not made:
-            time.sleep(_POLL_S)
+def finish(work: Work, shard: Shard) -> bool:
+    """Write the tables and record of a complete shard, unless somebody else has; returns whether it is complete.
 
-
-def _finish_shard(work: Work, shard: Shard) -> None:
-    """Write the tables and record of a complete shard, unless somebody else has."""
-    with finishing(work.folder):
-        if shard.folder:
-            if finished_record(work.folder, shard, work.study.digest()) is None:
-                state = progress_of(work.folder, shard, work.study)
-                finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed_from)
-        elif not is_whole(work.folder, [shard]):
-            state = progress_of(work.folder, shard, work.study)
-            record = finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed_from)
+    Raises
+    ------
+    DataError
+        As `finish_frames`.
+    """
+    with finishing(work.folder.sub(shard.folder)):
+        if shard.folder and finished_record(work.folder, shard, work.study.digest()) is not None:
+            return True
+        if not shard.folder and is_whole(work.folder, [shard]):
+            return True
+        state = progress_of(work.folder, shard, work.study)
+        if set(image_ids(work.study, shard)) - set(state.entries):
+            return False
+        record = finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed_from)
+        if not shard.folder:
             finish_dataset(work.study, work.folder, [(shard, record)], work.own, work.mix)
+    return True
 
 
 def _finish_dataset(work: Work) -> bool:

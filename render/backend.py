@@ -83,8 +83,10 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
         _with_ink.add(variant)
     if threads is not None:
         import drjit as dr
+        import OpenEXR
 
         dr.set_thread_count(threads)
+        OpenEXR.set_global_thread_count(threads)
     return mi
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
+from roundel.datasets.cluster import pool_of
 from roundel.datasets.dataset import Dataset, open_dataset
-from roundel.datasets.environment import environment_of
+from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.contents import Contents, Part
 from roundel.datasets.layout.images import open_images
@@ -22,7 +24,17 @@ from roundel.datasets.resume import held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.store import Store
 from roundel.datasets.store.writing import sha256
-from roundel.datasets.work import Participant, Work, is_whole, shards_within, tidy, work_through
+from roundel.datasets.work import (
+    Participant,
+    Task,
+    Work,
+    finish,
+    is_whole,
+    refuse_lost,
+    shards_within,
+    tidy,
+    work_through,
+)
 from roundel.render.frame_files import entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
@@ -115,6 +127,8 @@ def develop_dataset(
     sensor_file: str | Path,
     progress: Callable[[int, int], None] | None = None,
     on_warning: Callable[[str], None] | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> Dataset:
     """Re-expose the radiance of a dataset with another sensor; existing frames are kept.
 
@@ -128,6 +142,12 @@ def develop_dataset(
         YAML: keys of a `sensor:` section, which override each group's own.
     progress : callable, optional
         Called with (done, total).
+    on_warning : callable, optional
+        Called with one line for each damaged log or journal whose frames are developed again.
+    jobs : int
+        Number of processes; the bytes do not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers develop instead of processes of this machine.
 
     Raises
     ------
@@ -151,28 +171,66 @@ def develop_dataset(
     if is_whole(folder, shards):
         tidy(folder, shards, study)
         return open_dataset(out)
-    work = Work(
-        study,
-        folder,
-        range(total),
-        environment_of(manifest.environment),
-        manifest.environments is not None,
-        progress,
-        on_warning,
-        developed_from=manifest.dataset_id,
-    )
-    source, mine = _Source(contents, before), Participant(study, folder, work.own, work.mix)
-
-    def make(shard: Shard, ids: list[int]) -> Iterator[int]:
-        state = mine.enter(shard)
-        for i in ids:
-            if state.claim(i):
-                state.record(*_develop_frame(source, shard, frame_of(study, i), state.here))
-                yield i
-
-    try:
-        work_through(work, make)
-    finally:
-        mine.leave()
-    tidy(folder, shards, study)
+    together = jobs > 1 or scheduler is not None
+    own = environment_of(manifest.environment)
+    mix = manifest.environments is not None
+    work = Work(study, folder, range(total), own, mix, progress, on_warning, manifest.dataset_id, together)
+    with ExitStack() as stack:
+        if together:
+            arguments = contents.folder.address(), folder.address(), study.digest(), own, mix
+            died = "the developing processes died as they started; free some memory, or use fewer --jobs"
+            pool = pool_of(jobs, scheduler, _work, _start_worker, arguments, died, _stop_worker)
+            stack.enter_context(pool)
+            finished = work_through(work, pool.in_order)
+        else:
+            mine = _Developer(work, contents, before)
+            stack.callback(mine.leave)
+            finished = work_through(work, lambda tasks: map(mine.do, tasks))
+    refuse_lost(work)
+    tidy(folder, shards if finished else work.finished, study)
     return open_dataset(out)
+
+
+class _Developer(Participant):
+    """A process that develops frames of a dataset."""
+
+    def __init__(self, work: Work, contents: Contents, before: Study) -> None:
+        super().__init__(work.study, work.folder, work.own, work.mix)
+        self.work, self.source = work, _Source(contents, before)
+
+    def do(self, task: Task) -> tuple[Task, bool]:
+        """Develop a frame, or finish a shard; with whether it was done."""
+        if task.frame_id is None:
+            return task, finish(self.work, task.shard)
+        state = self.enter(task.shard)
+        if not state.claim(task.frame_id):
+            return task, False
+        frame = frame_of(self.study, task.frame_id)
+        state.record(*_develop_frame(self.source, task.shard, frame, state.here))
+        return task, True
+
+
+# A worker process keeps what it is at from one frame to the next.
+_worker: list[_Developer] = []
+
+
+def _start_worker(source: str, out: str, digest: str, own: Environment, mix: bool) -> None:
+    contents = open_images(source).contents
+    _, manifest = read_manifest(contents.folder)
+    folder = store_at(out)
+    study = held_study(folder)
+    if study.digest() != digest:
+        raise UsageError(f"{out}: changed while it was being developed; run again")
+    _stop_worker()  # one of a cluster may have worked for somebody else before
+    work = Work(study, folder, range(total_frames(study)), own, mix, developed_from=manifest.dataset_id)
+    _worker[:] = [_Developer(work, contents, _source_study(contents.folder, manifest))]
+
+
+def _stop_worker() -> None:
+    for developer in _worker:
+        developer.leave()
+    _worker.clear()
+
+
+def _work(task: Task) -> tuple[Task, bool]:
+    return _worker[0].do(task)

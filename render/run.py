@@ -6,24 +6,27 @@ finishes the shard and the dataset.
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
-from roundel.datasets.cluster import ClusterPool
+from roundel.datasets.cluster import ClusterPool, pool_of, threads_of_worker
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import image_ids, progress_of
-from roundel.datasets.layout.shards import Shard, shards_of
+from roundel.datasets.layout.shards import shards_of
 from roundel.datasets.resume import backend_to_resume, prepare
 from roundel.datasets.store.addresses import Address, store_at
-from roundel.datasets.work import MakeFrames, Work, is_whole, shards_within, tidy, work_through
+from roundel.datasets.work import Make, Task, Work, finish, is_whole, refuse_lost, shards_within, tidy, work_through
 from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start
 from roundel.render.own_files import check_files
 from roundel.render.shard_work import Renderer
-from roundel.scenes.errors import DataError, UsageError
+from roundel.scenes.errors import UsageError
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import frame_of, total_frames
 
@@ -32,9 +35,6 @@ Progress = Callable[[int, int], None]
 # Frames are placed before the first is rendered, evenly spread, until all are or this time is over: an impossible
 # study is refused now.
 _CHECK_S = 1.0
-
-# A worker process keeps what it is at from one frame to the next.
-_worker: list[Renderer] = []
 
 
 def render_study(
@@ -113,16 +113,16 @@ def render_study(
     if entries:
         chosen = choose_backend(backend_to_resume(str(folder), entries.values(), backend))
     own = environment_of(environment(chosen) if has_images else {"variant": None})
-    work = Work(study, folder, wanted, own, mix_environments, progress, on_warning)
+    together = jobs > 1 or scheduler is not None
+    work = Work(study, folder, wanted, own, mix_environments, progress, on_warning, together=together)
     with ExitStack() as stack:
-        finished = work_through(work, _maker(work, jobs, threads, scheduler, chosen, stack))
-    if work.lost:
-        first, *more = work.lost
-        what = "it is" if not more else f"this and {len(more)} more are"
-        raise DataError(
-            f"{folder}: frame {first.item[1]}: {first}; {what} set aside, all other frames are done; run the command "
-            "again to try once more"
-        )
+        if together:
+            backend_here = chosen if has_images else None
+            maker = _workers(work, jobs, threads, scheduler, backend_here, stack)
+        else:
+            maker = _here(work, threads, chosen, stack)
+        finished = work_through(work, maker)
+    refuse_lost(work)
     tidy(folder, shards_of(total) if finished else work.finished, study)
     return open_dataset(dataset) if finished else None
 
@@ -158,54 +158,89 @@ def _spread(count: int) -> Iterator[int]:
             yield at
 
 
-def _maker(
-    work: Work, jobs: int, threads: int | None, scheduler: str | None, backend: str, stack: ExitStack
-) -> MakeFrames:
-    """What renders frames: this process, or its workers, which start with the first frame and end with `stack`."""
+def _here(work: Work, threads: int | None, backend: str, stack: ExitStack) -> Make:
+    """What renders frames in this process, which starts with the first."""
     mine: list[Renderer] = []
-    pool: list[WorkerPool | ClusterPool] = []
 
-    def here(shard: Shard, ids: list[int]) -> Iterator[int | None]:
-        if not mine:
-            start(f"{backend}_ad_mono", threads)
-            mine.append(Renderer(work.study, work.folder, backend, work.own, work.mix))
-            stack.callback(mine[0].leave)
-        return mine[0].render(shard, ids)
+    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, bool]]:
+        for (shard, ends), group in groupby(tasks, key=lambda task: (task.shard, task.frame_id is None)):
+            if ends:
+                yield from ((task, finish(work, shard)) for task in group)
+                continue
+            if not mine:
+                start(f"{backend}_ad_mono", threads)
+                mine.append(Renderer(work.study, work.folder, backend, work.own, work.mix))
+                stack.callback(mine[0].leave)
+            ids = (task.frame_id for task in group if task.frame_id is not None)
+            yield from ((Task(shard, i), done) for i, done in mine[0].render(shard, ids))
 
-    def there(shard: Shard, ids: list[int]) -> Iterator[int | Lost[tuple[Shard, int]] | None]:
-        if not pool:
+    return make
+
+
+def _workers(
+    work: Work, jobs: int, threads: int | None, scheduler: str | None, backend: str | None, stack: ExitStack
+) -> Make:
+    """What renders frames in other processes, which start with the first and end with `stack`."""
+    pools: list[WorkerPool | ClusterPool] = []
+
+    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, bool] | Lost[Task]]:
+        if not pools:
             # Start here first: an error is then known before any process is started.
-            start(f"{backend}_ad_mono", threads)
-            study = work.study.path.resolve()
-            arguments = (str(study), work.study.digest(), work.folder.address(), backend, threads, work.mix)
-            if scheduler is not None:
-                pool.append(stack.enter_context(ClusterPool(scheduler, _work, _start_worker, arguments, _stop_worker)))
-                return pool[0].in_order((shard, i) for i in ids)
+            if backend is not None:
+                start(f"{backend}_ad_mono")
+            about = Shared(
+                str(work.study.path.resolve()), work.study.digest(), work.folder.address(), work.own, work.mix
+            )
+            cores = threads if threads is not None or scheduler is not None else max(1, (os.cpu_count() or 1) // jobs)
+            arguments = about, backend, cores
             died = "the rendering processes died as they started; free some memory, or use fewer --jobs"
-            pool.append(stack.enter_context(WorkerPool(jobs, _work, _start_worker, arguments, died)))
-        return pool[0].in_order((shard, i) for i in ids)
+            pools.append(pool_of(jobs, scheduler, _work, _start_worker, arguments, died, _stop_worker))
+            stack.enter_context(pools[0])
+        return pools[0].in_order(tasks)
 
-    return here if jobs == 1 and scheduler is None else there
+    return make
 
 
-def _start_worker(study_path: str, digest: str, dataset: str, backend: str, threads: int | None, mix: bool) -> None:
-    study = load_study(study_path)
-    if study.digest() != digest:
-        raise UsageError(f"{study_path}: changed while it was being rendered; run again")
-    start(f"{backend}_ad_mono", threads)
+@dataclass(frozen=True)
+class Shared:
+    """What the workers of a dataset share with the process that started them."""
+
+    study_path: str
+    digest: str
+    address: str
+    own: Environment
+    mix: bool
+
+
+# A worker process keeps what it is at from one frame to the next.
+_worker: list[tuple[Work, Renderer | None]] = []
+
+
+def _start_worker(shared: Shared, backend: str | None, threads: int | None) -> None:
+    study = load_study(shared.study_path)
+    if study.digest() != shared.digest:
+        raise UsageError(f"{shared.study_path}: changed while it was being rendered; run again")
     _stop_worker()  # one of a cluster may have worked for somebody else before
-    _worker[:] = [Renderer(study, store_at(dataset), backend, _own(backend), mix)]
+    folder = store_at(shared.address)
+    work = Work(study, folder, range(total_frames(study)), shared.own, shared.mix)
+    renderer = None
+    if backend is not None:
+        start(f"{backend}_ad_mono", threads or threads_of_worker())
+        own = environment_of(environment(backend))
+        renderer = Renderer(study, folder, backend, own, shared.mix)
+    _worker[:] = [(work, renderer)]
 
 
 def _stop_worker() -> None:
-    for renderer in _worker:
-        renderer.leave()
+    for _, renderer in _worker:
+        if renderer is not None:
+            renderer.leave()
     _worker.clear()
 
 
-def _own(backend: str) -> Environment:
-    return environment_of(environment(backend))
-
-
-def _work(item: tuple[Shard, int]) -> int | None:
-    return _worker[0].render_one(*item)
+def _work(task: Task) -> tuple[Task, bool]:
+    work, renderer = _worker[0]
+    if task.frame_id is None:
+        return task, finish(work, task.shard)
+    assert renderer is not None, "frames with images have a renderer"
+    return task, renderer.render_one(task.shard, task.frame_id)

@@ -105,18 +105,26 @@ class Renderer(Participant):
         super().__init__(study, folder, environment, mix)
         self.backend = backend
 
-    def render(self, shard: Shard, frame_ids: Iterable[int]) -> Iterator[int]:
-        """Render those frames of a shard that nobody else does; yields each that is done and recorded."""
-        state = self.enter(shard)
-        claimed = (frame_of(self.study, i) for i in frame_ids if state.claim(i))
-        for entry, seconds in render_frames(claimed, state.here, self.backend):
-            state.record(entry, seconds)
-            yield entry["frame_id"]
+    def render(self, shard: Shard, frame_ids: Iterable[int]) -> Iterator[tuple[int, bool]]:
+        """Render those frames of a shard that nobody else does; yields each with whether it is done and recorded."""
+        state, others = self.enter(shard), list[int]()
 
-    def render_one(self, shard: Shard, frame_id: int) -> int | None:
-        """Render a frame of a shard, unless somebody else does: None."""
+        def claimed() -> Iterator[Frame]:
+            for i in frame_ids:
+                if state.claim(i):
+                    yield frame_of(self.study, i)
+                else:
+                    others.append(i)
+
+        for entry, seconds in render_frames(claimed(), state.here, self.backend):
+            state.record(entry, seconds)
+            yield entry["frame_id"], True
+        yield from ((i, False) for i in others)
+
+    def render_one(self, shard: Shard, frame_id: int) -> bool:
+        """Render a frame of a shard; whether it was done: not, if somebody else does it."""
         state = self.enter(shard)
         if not state.claim(frame_id):
-            return None
+            return False
         state.record(*render_frame(frame_of(self.study, frame_id), state.here, self.backend))
-        return frame_id
+        return True

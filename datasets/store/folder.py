@@ -215,9 +215,12 @@ class Folder(Store):
         return [path.name for path in leftovers(self.path / folder)]
 
     def clear_leftovers(self, *folders: str) -> None:
-        """Remove those of processes that are gone; without folders, in this one."""
+        """Remove those of processes that are gone, and their lock; without folders, in this one."""
         for folder in folders or ("",):
             clear_leftovers(self.path / folder)
+            if (self.path / folder / _LOCK).exists():
+                with one_at_a_time(self.path / folder / _LOCK):
+                    pass  # it goes at the end of the block
 
     def alone(self) -> AbstractContextManager[None]:
         """A block that one process at a time is in; the others wait."""

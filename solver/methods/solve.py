@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from roundel.datasets.cluster import ClusterPool
+from roundel.datasets.cluster import ClusterPool, pool_of
 from roundel.datasets.layout.contents import Part
 from roundel.datasets.layout.files import CAMERAS, check_no_dataset
 from roundel.datasets.layout.images import Images, open_images
@@ -258,9 +258,8 @@ def _solved(
         return
     shared = pickled((run.images.contents.folder.address(), run.knowledge))
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
-    work_of = _work, _start_worker, (shared, list(run.methods))
-    pools = WorkerPool(min(jobs, len(first)), *work_of, died) if scheduler is None else ClusterPool(scheduler, *work_of)
-    with pools as pool:
+    arguments = shared, list(run.methods)
+    with pool_of(min(jobs, len(first)), scheduler, _work, _start_worker, arguments, died) as pool:
         for done in pool.in_order(after_warm_up(work)):
             if isinstance(done, Lost):
                 yield from _one_by_one(pool, done.item[0], done.item[1], set_aside)
