@@ -67,7 +67,7 @@ def _there(address: str) -> Store:
     return folder
 
 
-def verify(arguments: argparse.Namespace) -> int:
+def do_verify(arguments: argparse.Namespace) -> int:
     """Compare a dataset with its manifest."""
     from roundel.datasets.fidelity.summary import fidelity_lines
     from roundel.datasets.layout.contents import read_contents
@@ -91,7 +91,7 @@ def verify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def repair(arguments: argparse.Namespace) -> int:
+def do_repair(arguments: argparse.Namespace) -> int:
     """Restore what `verify --full` finds."""
     from roundel.datasets.repair import study_to_repair, take_away_damage
     from roundel.render.run import render_study
@@ -119,7 +119,7 @@ def repair(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def merge(arguments: argparse.Namespace) -> int:
+def do_merge(arguments: argparse.Namespace) -> int:
     """Join datasets that hold parts of the same study."""
     from roundel.datasets.merge import merge_datasets
 
@@ -132,7 +132,7 @@ def merge(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def pull(arguments: argparse.Namespace) -> int:
+def do_pull(arguments: argparse.Namespace) -> int:
     """Fetch a dataset, or some of its frames."""
     from roundel.datasets.pull import pull_dataset
 

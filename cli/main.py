@@ -13,9 +13,10 @@ from roundel.cli.parser import build_parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from roundel.cli import verbs
+    from roundel.cli import dataset_verbs, verbs
 
-    action: Callable[[argparse.Namespace], int] = getattr(verbs, f"do_{arguments.verb}")
+    name = f"do_{arguments.verb}"
+    action: Callable[[argparse.Namespace], int] = getattr(dataset_verbs, name, None) or getattr(verbs, name)
     return action(arguments)
 
 

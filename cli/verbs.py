@@ -249,7 +249,14 @@ def do_validate(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     with progress("chessboards") as show:
         summary = validate_dataset(
-            arguments.dataset, arguments.estimates, out, extent_D=extent, camera_path=arguments.camera, progress=show
+            arguments.dataset,
+            arguments.estimates,
+            out,
+            extent_D=extent,
+            camera_path=arguments.camera,
+            progress=show,
+            jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
         )
     print(terminal_table(summary))
     print(f"report: {out / 'report.html'}")
@@ -356,34 +363,6 @@ def do_marker(arguments: argparse.Namespace) -> int:
     from roundel.cli.photo_verbs import print_marker
 
     return print_marker(arguments)
-
-
-def do_verify(arguments: argparse.Namespace) -> int:
-    """Compare a dataset with its manifest."""
-    from roundel.cli.dataset_verbs import verify
-
-    return verify(arguments)
-
-
-def do_repair(arguments: argparse.Namespace) -> int:
-    """Restore the damaged files of a dataset."""
-    from roundel.cli.dataset_verbs import repair
-
-    return repair(arguments)
-
-
-def do_pull(arguments: argparse.Namespace) -> int:
-    """Fetch a dataset, or some of its frames."""
-    from roundel.cli.dataset_verbs import pull
-
-    return pull(arguments)
-
-
-def do_merge(arguments: argparse.Namespace) -> int:
-    """Join parts of a dataset."""
-    from roundel.cli.dataset_verbs import merge
-
-    return merge(arguments)
 
 
 def do_doctor(arguments: argparse.Namespace) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, key_of
 from roundel.datasets.finish import Frames, finish_shard
 from roundel.datasets.layout import files
+from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.manifest import read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
@@ -96,6 +98,35 @@ def finish_dataset(study: Study, folder: Store, records: Records, own: Environme
     if not mix and alone and len({key for _, key in keys}) > 1:
         check_one_environment(str(folder), keys, own, known)
     return write_manifest(study, folder, records, own)
+
+
+def is_whole(folder: Store, shards: Iterable[Shard]) -> bool:
+    """Whether a dataset is finished, and the files of these shards have their recorded sizes."""
+    try:
+        contents = read_contents(folder)
+        if not contents.complete:
+            return False
+        wanted = {shard.folder for shard in shards}
+        for part in contents.parts:
+            if part.shard.folder in wanted:
+                here = folder.sub(part.shard.folder)
+                subs = ("", files.IMAGES, files.RADIANCE)
+                sizes = {f"{sub}/{n}".lstrip("/"): size for sub in subs for n, size in here.sizes(sub).items()}
+                if any(sizes.get(name) != listed.bytes for name, listed in contents.files_of(part).items()):
+                    return False
+    except DataError:
+        return False
+    return True
+
+
+def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
+    """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
+    folder.clear_leftovers()
+    for shard in shards:
+        here = folder.sub(shard.folder)
+        if here.names("log"):
+            progress_of(folder, shard, study).remove_logs()
+        here.clear_leftovers("", files.IMAGES, files.RADIANCE)
 
 
 def index_frames(path: Address, own: Environment) -> tuple[int, int]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, environment_of
-from roundel.datasets.index import image_ids, progress_of
+from roundel.datasets.index import image_ids, is_whole, progress_of, tidy
 from roundel.datasets.layout import journal
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
 from roundel.datasets.resume import held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.store import Listed, Store
-from roundel.datasets.work import Participant, Work, finish_what_is_complete, is_whole, tidy
+from roundel.datasets.work import Participant, Work, finish_what_is_complete
 from roundel.scenes.errors import DataError, NotComparableError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import total_frames

@@ -14,10 +14,10 @@ from roundel.datasets.index import (
     finished_record,
     finishing,
     image_ids,
+    is_whole,
     progress_of,
 )
 from roundel.datasets.layout import files
-from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.numbers import check_resumable
 from roundel.datasets.progress import ShardProgress
@@ -32,18 +32,22 @@ _POLL_S = 0.2
 
 @dataclass(frozen=True)
 class Task:
-    """A frame of a shard to make; without a frame, the tables and record of the shard, whose frames are done."""
+    """Frames of a shard to make; without frames, the tables and record of the shard, whose frames are done."""
 
     shard: Shard
-    frame_id: int | None = None
+    frame_ids: tuple[int, ...] = ()
 
     def __str__(self) -> str:
-        return f"shard {self.shard.folder}" if self.frame_id is None else f"frame {self.frame_id}"
+        return f"frame {self.frame_ids[0]}" if self.frame_ids else f"shard {self.shard.folder}"
 
 
-# Takes tasks as they come and yields, in whatever order, each with whether it was done: not, if somebody else has
-# claimed the frame; or what is left of one whose processes died.
-Make = Callable[[Iterable[Task]], Iterator[tuple[Task, bool] | Lost[Task]]]
+# Takes tasks as they come and yields, in whatever order, each with how much of it was done: not the frames that
+# somebody else has claimed; or what is left of one whose processes died.
+Make = Callable[[Iterable[Task]], Iterator[tuple[Task, int] | Lost[Task]]]
+
+# Several workers get frames for about so many seconds at a time: what handing them out costs is then little.
+_TASK_S = 2.0
+_MOST_FRAMES = 16
 
 
 @dataclass
@@ -122,35 +126,6 @@ def shards_within(total: int, wanted: range) -> list[Shard]:
     return [s for s in shards_of(total) if s.frames.start < wanted.stop and s.frames.stop > wanted.start]
 
 
-def is_whole(folder: Store, shards: Iterable[Shard]) -> bool:
-    """Whether a dataset is finished, and the files of these shards have their recorded sizes."""
-    try:
-        contents = read_contents(folder)
-        if not contents.complete:
-            return False
-        wanted = {shard.folder for shard in shards}
-        for part in contents.parts:
-            if part.shard.folder in wanted:
-                here = folder.sub(part.shard.folder)
-                subs = ("", files.IMAGES, files.RADIANCE)
-                sizes = {f"{sub}/{n}".lstrip("/"): size for sub in subs for n, size in here.sizes(sub).items()}
-                if any(sizes.get(name) != listed.bytes for name, listed in contents.files_of(part).items()):
-                    return False
-    except DataError:
-        return False
-    return True
-
-
-def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
-    """Remove the logs of finished shards, but for those of living processes, and what killed ones left."""
-    folder.clear_leftovers()
-    for shard in shards:
-        here = folder.sub(shard.folder)
-        if here.names("log"):
-            progress_of(folder, shard, study).remove_logs()
-        here.clear_leftovers("", files.IMAGES, files.RADIANCE)
-
-
 def work_through(work: Work, make: Make) -> bool:
     """Make the wanted frames, finish their shards and, if no frame is missing, the dataset.
 
@@ -189,6 +164,8 @@ class _Batch:
         self.given: dict[Shard, int] = {}
         self.ready: deque[Shard] = deque()
         self.set_aside: set[int] = set()
+        self.single: set[int] = set()
+        self.frame_s: float | None = None
         self.made = 0
 
     def work(self) -> None:
@@ -203,21 +180,28 @@ class _Batch:
 
     def _take(self, tasks: Iterator[Task]) -> None:
         for outcome in self.make(tasks):
-            task, done = (outcome.item, False) if isinstance(outcome, Lost) else outcome
+            task, done = (outcome.item, 0) if isinstance(outcome, Lost) else outcome
             if isinstance(outcome, Lost):
-                self.job.lost.append(outcome)
-                self.set_aside |= set() if task.frame_id is None else {task.frame_id}
+                self._lose(outcome)
             self.made += done
-            if task.frame_id is None:
+            if not task.frame_ids:
                 if done:
                     self.job.finished.append(task.shard)
                 continue
-            if done:
-                self.counted[task.shard] += 1
-                self.job.say(1)
+            self.counted[task.shard] += done
+            self.job.say(done)
             self.given[task.shard] -= 1
             if not self.given[task.shard]:
                 self._close(task.shard)
+
+    def _lose(self, lost: Lost[Task]) -> None:
+        """Set a frame aside of which processes died; of several frames, find out of which."""
+        if len(lost.item.frame_ids) > 1:
+            self.single |= set(lost.item.frame_ids)
+            self.made += 1  # what was found out is progress
+        else:
+            self.job.lost.append(lost)
+            self.set_aside |= set(lost.item.frame_ids)
 
     def _finishes(self) -> Iterator[Task]:
         while self.ready:
@@ -235,12 +219,29 @@ class _Batch:
                 self.states[shard] = _opened(self.job, shard)
                 self.counted[shard] = 0
             free = [i for i in self._missing(shard) if not self.states[shard].is_claimed(i)]
-            self.given[shard] = len(free)
-            if not free:
-                self._close(shard)
-            for i in free:
-                yield Task(shard, i)
+            # One more than are given, so that it is not closed before the last is known to be the last.
+            self.given[shard] = 1
+            while free:
+                # Few at the end, so that no worker waits long for another.
+                size = max(1, min(self._block(shard), len(free) // _MOST_FRAMES))
+                size = 1 if self.single.intersection(free[:size]) else size
+                self.given[shard] += 1
+                yield Task(shard, tuple(free[:size]))
+                free = free[size:]
                 yield from self._finishes()
+            self.given[shard] -= 1
+            if not self.given[shard]:
+                self._close(shard)
+
+    def _block(self, shard: Shard) -> int:
+        """How many frames to hand out at once."""
+        if not self.job.together:
+            return 1
+        if self.frame_s is None:
+            self.states[shard].refresh()
+            known = [sum(seconds.values()) for seconds in self.states[shard].seconds.values()]
+            self.frame_s = sum(known) / len(known) if known else None
+        return 1 if self.frame_s is None else min(_MOST_FRAMES, round(_TASK_S / max(self.frame_s, 1e-3)))
 
     def _missing(self, shard: Shard) -> list[int]:
         """Wanted frames of a shard that nobody has finished; those that others have finished since are counted."""

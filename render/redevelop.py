@@ -12,6 +12,7 @@ import numpy as np
 from roundel.datasets.cluster import pool_of
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
+from roundel.datasets.index import is_whole, tidy
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.contents import Contents, Part
 from roundel.datasets.layout.images import open_images
@@ -24,17 +25,7 @@ from roundel.datasets.resume import held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.store.store import Store
 from roundel.datasets.store.writing import sha256
-from roundel.datasets.work import (
-    Participant,
-    Task,
-    Work,
-    finish,
-    is_whole,
-    refuse_lost,
-    shards_within,
-    tidy,
-    work_through,
-)
+from roundel.datasets.work import Participant, Task, Work, finish, refuse_lost, shards_within, work_through
 from roundel.render.frame_files import entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
@@ -198,16 +189,15 @@ class _Developer(Participant):
         super().__init__(work.study, work.folder, work.own, work.mix)
         self.work, self.source = work, _Source(contents, before)
 
-    def do(self, task: Task) -> tuple[Task, bool]:
-        """Develop a frame, or finish a shard; with whether it was done."""
-        if task.frame_id is None:
+    def do(self, task: Task) -> tuple[Task, int]:
+        """Develop frames, or finish a shard; with how much of it was done."""
+        if not task.frame_ids:
             return task, finish(self.work, task.shard)
         state = self.enter(task.shard)
-        if not state.claim(task.frame_id):
-            return task, False
-        frame = frame_of(self.study, task.frame_id)
-        state.record(*_develop_frame(self.source, task.shard, frame, state.here))
-        return task, True
+        claimed = [i for i in task.frame_ids if state.claim(i)]
+        for i in claimed:
+            state.record(*_develop_frame(self.source, task.shard, frame_of(self.study, i), state.here))
+        return task, len(claimed)
 
 
 # A worker process keeps what it is at from one frame to the next.
@@ -232,5 +222,5 @@ def _stop_worker() -> None:
     _worker.clear()
 
 
-def _work(task: Task) -> tuple[Task, bool]:
+def _work(task: Task) -> tuple[Task, int]:
     return _worker[0].do(task)

@@ -17,11 +17,11 @@ from pathlib import Path
 from roundel.datasets.cluster import ClusterPool, pool_of, threads_of_worker
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
-from roundel.datasets.index import image_ids, progress_of
+from roundel.datasets.index import image_ids, is_whole, progress_of, tidy
 from roundel.datasets.layout.shards import shards_of
 from roundel.datasets.resume import backend_to_resume, prepare
 from roundel.datasets.store.addresses import Address, store_at
-from roundel.datasets.work import Make, Task, Work, finish, is_whole, refuse_lost, shards_within, tidy, work_through
+from roundel.datasets.work import Make, Task, Work, finish, refuse_lost, shards_within, work_through
 from roundel.datasets.worker_pool import Lost, WorkerPool
 from roundel.render.backend import DEFAULT_BACKEND, choose_backend, environment, start
 from roundel.render.own_files import check_files
@@ -162,17 +162,17 @@ def _here(work: Work, threads: int | None, backend: str, stack: ExitStack) -> Ma
     """What renders frames in this process, which starts with the first."""
     mine: list[Renderer] = []
 
-    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, bool]]:
-        for (shard, ends), group in groupby(tasks, key=lambda task: (task.shard, task.frame_id is None)):
-            if ends:
+    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, int]]:
+        for (shard, has_frames), group in groupby(tasks, key=lambda task: (task.shard, bool(task.frame_ids))):
+            if not has_frames:
                 yield from ((task, finish(work, shard)) for task in group)
                 continue
             if not mine:
                 start(f"{backend}_ad_mono", threads)
                 mine.append(Renderer(work.study, work.folder, backend, work.own, work.mix))
                 stack.callback(mine[0].leave)
-            ids = (task.frame_id for task in group if task.frame_id is not None)
-            yield from ((Task(shard, i), done) for i, done in mine[0].render(shard, ids))
+            ids = (i for task in group for i in task.frame_ids)
+            yield from ((Task(shard, (i,)), done) for i, done in mine[0].render(shard, ids))
 
     return make
 
@@ -183,7 +183,7 @@ def _workers(
     """What renders frames in other processes, which start with the first and end with `stack`."""
     pools: list[WorkerPool | ClusterPool] = []
 
-    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, bool] | Lost[Task]]:
+    def make(tasks: Iterable[Task]) -> Iterator[tuple[Task, int] | Lost[Task]]:
         if not pools:
             # Start here first: an error is then known before any process is started.
             if backend is not None:
@@ -238,9 +238,9 @@ def _stop_worker() -> None:
     _worker.clear()
 
 
-def _work(task: Task) -> tuple[Task, bool]:
+def _work(task: Task) -> tuple[Task, int]:
     work, renderer = _worker[0]
-    if task.frame_id is None:
+    if not task.frame_ids:
         return task, finish(work, task.shard)
     assert renderer is not None, "frames with images have a renderer"
-    return task, renderer.render_one(task.shard, task.frame_id)
+    return task, sum(renderer.render_one(task.shard, i) for i in task.frame_ids)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import lru_cache
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
-from roundel.datasets.dataset import Dataset
+from roundel.datasets.cluster import pool_of
+from roundel.datasets.dataset import Dataset, open_dataset
+from roundel.datasets.worker_pool import Lost
+from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.camera.model import Camera
-from roundel.scenes.errors import NotComparableError
+from roundel.scenes.errors import DataError, NotComparableError
 from roundel.solver.caveats import count_caveats
 from roundel.validate.calibration.chessboard_reference import Reference, reference_of
 from roundel.validate.calibration.opencv import BoardView
@@ -65,21 +69,21 @@ class _Tally:
         self.caveats.setdefault(key, Counter()).update(count_caveats(first))
         self.detections[key] += len(first)
 
+    def join(self, other: _Tally) -> None:
+        """Add what another one counted."""
+        for key, filled in other.filled.items():
+            self.filled.setdefault(key, {}).update(filled)
+        for key, caveats in other.caveats.items():
+            self.caveats.setdefault(key, Counter()).update(caveats)
+        self.detections.update(other.detections)
 
-def score_by_shard(
-    dataset: Dataset,
-    files: list[Path],
-    extent_D: float,
-    views: list[BoardView],
-    camera: Camera | None,
-    label: str,
-    progress: Callable[[int, int], None] | None = None,
-) -> ShardScores:
-    """Score estimates of a dataset.
 
-    Parameters
+@dataclass(frozen=True)
+class ShardScoring:
+    """How shards are scored.
+
+    Attributes
     ----------
-    dataset : Dataset
     files : list of path
         Of estimates.
     extent_D : float
@@ -90,47 +94,94 @@ def score_by_shard(
         See `reference_of`.
     label : str
         Label of the reference's intrinsics.
+    """
+
+    files: list[Path]
+    extent_D: float
+    views: list[BoardView]
+    camera: Camera | None
+    label: str
+
+
+@dataclass
+class _Part:
+    """The scores of a shard."""
+
+    tables: list[pa.Table]
+    board_rows: pa.Table | None
+    false: list[FalseDetections]
+    circles: int
+    frames: int
+    off_axis_deg: dict[tuple[int, int], float]
+    tally: _Tally
+
+
+def _score_part(dataset: Dataset, how: ShardScoring, touched: frozenset[str] | None, number: int) -> _Part:
+    part = dataset.of_part(number)
+    runs = read_runs(how.files, part, whole=dataset)
+    targets = true_targets(part, how.extent_D)
+    reference = _reference(part, how.views, targets, how.camera, how.label)
+    found = score(part, targets, runs, reference.circles if reference else None, touched)
+    tally = _Tally()
+    for run in runs:
+        tally.add(run)
+    off_axis = off_axis_deg(targets.truth) if any("calibrated" in run.intrinsics for run in runs) else {}
+    tables = [found.table, *([reference.rows] if reference is not None else [])]
+    boards = None if reference is None else reference.circle_rows
+    return _Part(tables, boards, found.false_detections, len(targets), len(part), off_axis, tally)
+
+
+def score_by_shard(
+    dataset: Dataset,
+    how: ShardScoring,
+    progress: Callable[[int, int], None] | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+) -> ShardScores:
+    """Score estimates of a dataset.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    how : ShardScoring
     progress : callable, optional
         Called with (frames done, total frames).
+    jobs : int
+        Number of processes, if there are several shards.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers score instead.
 
     Raises
     ------
     NotComparableError
         If there is nothing to score.
+    DataError
+        If processes died.
     """
     # Of a single shard the runs themselves tell.
-    touched = touched_groups(files, dataset) if len(dataset.contents.parts) > 1 else None
+    several = len(dataset.contents.parts) > 1
+    touched = touched_groups(how.files, dataset) if several else None
     tables: list[pa.Table] = []
     boards: list[pa.Table] = []
     false: dict[tuple[str, str], FalseDetections] = {}
-    tally, out = _Tally(), ShardScores(Scores(pa.table({})))
-    done = 0
-    for number in range(len(dataset.contents.parts)):
-        part = dataset.of_part(number)
-        runs = read_runs(files, part, whole=dataset)
-        targets = true_targets(part, extent_D)
-        reference = _reference(part, views, targets, camera, label)
-        found = score(part, targets, runs, reference.circles if reference else None, touched)
-        tables.append(found.table)
-        for its in found.false_detections:
-            _add(false, its)
-        for run in runs:
-            tally.add(run)
-        out.circles += len(targets)
-        if any("calibrated" in run.intrinsics for run in runs):
-            out.off_axis_deg |= off_axis_deg(targets.truth)
-        if reference is not None:
-            tables.append(reference.rows)
-            boards += [reference.circle_rows] if reference.circle_rows is not None else []
-        done += len(part)
-        if progress and len(dataset.contents.parts) > 1:
-            progress(done, len(dataset))
+    tally, out, done = _Tally(), ShardScores(Scores(pa.table({}))), 0
+    with closing(_parts(dataset, how, touched, jobs if several else 1, scheduler if several else None)) as parts:
+        for part in parts:
+            tables += part.tables
+            boards += [] if part.board_rows is None else [part.board_rows]
+            for its in part.false:
+                _add(false, its)
+            tally.join(part.tally)
+            out.circles += part.circles
+            out.off_axis_deg |= part.off_axis_deg
+            done += part.frames
+            if progress and several:
+                progress(done, len(dataset))
     tables = [table for table in tables if table.num_rows]
     if not any("truth" in table["reference"].unique().to_pylist() for table in tables):
         raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
-    out.scores = Scores(
-        sorted_scores(pa.concat_tables(tables)), list(false.values()), _matched(dataset, files, extent_D, touched)
-    )
+    matched = _matched(dataset, how.files, how.extent_D, touched)
+    out.scores = Scores(sorted_scores(pa.concat_tables(tables)), list(false.values()), matched)
     out.board_rows = pa.concat_tables(boards) if boards else None
     out.filled_in = {", ".join(key): list(filled) for key, filled in tally.filled.items() if filled}
     out.caveats = [
@@ -139,6 +190,41 @@ def score_by_shard(
         for heading, count in counts.items()
     ]
     return out
+
+
+def _parts(
+    dataset: Dataset, how: ShardScoring, touched: frozenset[str] | None, jobs: int, scheduler: str | None
+) -> Generator[_Part, None, None]:
+    """The scores of each shard, in order."""
+    numbers = range(len(dataset.contents.parts))
+    if jobs == 1 and scheduler is None:
+        for number in numbers:
+            yield _score_part(dataset, how, touched, number)
+        return
+    died = "the scoring processes died as they started; free some memory, or use fewer --jobs"
+    files = [path.resolve() for path in how.files]  # for workers in other folders
+    arguments = dataset.contents.folder.address(), dataset.contents.images_sha256, replace(how, files=files), touched
+    with pool_of(min(jobs, len(numbers)), scheduler, _work, _start_worker, arguments, died) as pool:
+        for number, part in zip(numbers, pool.in_order(numbers), strict=True):
+            if isinstance(part, Lost):
+                raise DataError(f"{dataset.address}: shard {number}: {part}; run the command again")
+            yield part
+
+
+# A worker process keeps what all shards share.
+_worker: list[Callable[[int], _Part]] = []
+
+
+def _start_worker(address: str, images_sha256: str, how: ShardScoring, touched: frozenset[str] | None) -> None:
+    dataset = open_dataset(address)
+    if dataset.contents.images_sha256 != images_sha256:
+        raise DataError(f"{address}: changed while it was being scored; run again")
+    _worker[:] = [partial(_score_part, dataset, how, touched)]
+
+
+def _work(number: int) -> _Part:
+    with one_blas_thread():
+        return _worker[0](number)
 
 
 def _reference(

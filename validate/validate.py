@@ -23,7 +23,7 @@ from roundel.datasets.store.records import document_of
 from roundel.datasets.store.writing import clear_leftovers, sha256, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.by_shard import score_by_shard
+from roundel.validate.by_shard import ShardScoring, score_by_shard
 from roundel.validate.calibration.camera_errors import calibration_summary
 from roundel.validate.calibration.opencv import (
     BoardView,
@@ -67,6 +67,8 @@ def validate_dataset(
     extent_D: float = 3.0,
     camera_path: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
 ) -> Summary:
     """Score estimates and write the report.
 
@@ -83,6 +85,10 @@ def validate_dataset(
         A camera file for the chessboard's pose; default: each frame's true camera.
     progress : callable, optional
         Called with (chessboards searched, total chessboards), then of several shards with (frames done, total frames).
+    jobs : int
+        Number of processes, if there are several shards; the bytes do not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers score the shards instead.
 
     Returns
     -------
@@ -106,7 +112,8 @@ def validate_dataset(
     reference_camera = None if camera_path is None else read_camera(camera_path)
     views = look_for_boards(dataset.images, progress=progress)
     camera = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
-    found = score_by_shard(dataset, files, extent_D, views, reference_camera, camera, progress)
+    how = ShardScoring(files, extent_D, views, reference_camera, camera)
+    found = score_by_shard(dataset, how, progress, jobs, scheduler)
     scores = found.scores
     calibrations = _calibrations(dataset, views)
     benefit = calibration_benefit(scores.table, found.off_axis_deg, found.board_rows)

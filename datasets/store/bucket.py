@@ -1,4 +1,4 @@
-"""A place of an object store: S3, Google, Azure, or a web server that is only read. Through obstore.
+"""A place of an object store: S3, Google, Azure, a web server that is only read, or what fsspec knows.
 
 A store has no rename: an object appears when all of it has arrived, and later never changes by itself. A request that
 fails is repeated, within limits; what was read is held against the length that the store says it has.
@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
+from roundel.datasets.store.fsspec_client import FsspecClient
 from roundel.datasets.store.log_objects import LogObjects
-from roundel.datasets.store.object_failures import failure, is_final
+from roundel.datasets.store.object_failures import failure, is_final, is_taken
 from roundel.datasets.store.store import MOST_BYTES, Listed, LogFiles, MissingFile, Store
 from roundel.scenes.errors import DataError, UsageError
 
@@ -53,9 +54,8 @@ class Bucket(Store):
             If nothing is known of such addresses, or the package for them is not installed.
         """
         parts = urlsplit(address)
-        if parts.scheme not in _SCHEMES:
-            raise UsageError(f"{address}: no store is known for {parts.scheme}://; give one of s3, gs, az, http, https")
-        if parts.username or parts.password or parts.query or parts.fragment:
+        name = parts.username if parts.scheme in _SCHEMES else None  # elsewhere that of a user, as in sftp://me@host
+        if name or parts.password or parts.query or parts.fragment:
             raise UsageError(f"{parts.scheme}://{parts.hostname}: leave credentials, ? and # out of the address")
         bucket = Bucket(address.rstrip("/"))
         client_of(bucket.root)
@@ -198,14 +198,12 @@ class Bucket(Store):
         DataError
             If it cannot be written.
         """
-        from obstore.exceptions import AlreadyExistsError
-
         self._check_writable()
         key = self._key(name)
         try:
             self._ask(name, lambda client: client.put(key, data, use_multipart=False, mode="create"))
         except DataError as error:
-            if not isinstance(error.__cause__, AlreadyExistsError):
+            if not is_taken(error.__cause__):
                 raise
             # The store may have done what was asked before its answer was lost.
             return self.read(name) == data
@@ -271,6 +269,8 @@ def _delete(key: str, client: Any) -> None:
 @lru_cache(maxsize=16)
 def client_of(root: str) -> Any:
     """The client of an address: obstore's, with the limits and credentials of this process."""
+    if urlsplit(root).scheme not in _SCHEMES:
+        return FsspecClient(root)
     try:
         import obstore.store
     except ImportError as error:

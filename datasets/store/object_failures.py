@@ -14,12 +14,21 @@ _SYSTEM = re.compile(r"kind: (\w+)")
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
+def is_taken(error: BaseException | None) -> bool:
+    """Whether a request failed because the object is there already."""
+    return type(error).__name__ in ("AlreadyExistsError", "FileExistsError")
+
+
 def is_final(error: Exception) -> bool:
     """Whether the same request would fail the same way again."""
     status = _STATUS.search(str(error))
     refused = status is not None and status[1].startswith("4") and status[1] not in ("400", "408", "409", "425", "429")
     missing = any(host in str(error) for host in _METADATA)
-    settled = type(error).__name__ in ("AlreadyExistsError", "NotSupportedError", "UnknownConfigurationKeyError")
+    settled = is_taken(error) or type(error).__name__ in (
+        "NotSupportedError",
+        "NotImplementedError",
+        "UnknownConfigurationKeyError",
+    )
     return isinstance(error, RoundelError) or refused or missing or settled
 
 
@@ -39,7 +48,7 @@ def failure(place: str, error: Exception) -> RoundelError:
     if kind in ("PermissionDeniedError", "UnauthenticatedError"):
         said = f" ({code[1]})" if code else ""
         return DataError(f"{place}: the store refuses access{said}; check the credentials and what they may do")
-    if kind == "AlreadyExistsError":
+    if is_taken(error):
         return DataError(f"{place}: somebody else has written it")
     if kind in ("NotSupportedError", "NotImplementedError"):
         return DataError(f"{place}: this server can only be read")

@@ -244,7 +244,7 @@ def test_what_the_store_refuses_is_one_line(server: str, remote: str, whole: Pat
     for words, environment, code, part in (
         (("verify", "s3://nothere/x"), mine, 4, "there is no such bucket"),
         (("verify", f"s3://{BUCKET}/nothing"), mine, 4, "there is nothing at this address"),
-        (("render", study, "ftp://x/y"), mine, 2, "no store is known for ftp://"),
+        (("render", study, "nfs4://x/y"), mine, 2, "no store is known for nfs4://"),
         (("render", study, f"s3://me:secret@{BUCKET}/x"), mine, 2, "leave credentials"),
         (("render", study, f"s3://{BUCKET}/x"), mine | closed, 4, "connection refused"),
         (("verify", remote), without, 4, "no credentials were found"),
@@ -253,6 +253,20 @@ def test_what_the_store_refuses_is_one_line(server: str, remote: str, whole: Pat
         assert (done.returncode, len(lines(done.stderr))) == (code, 1), done.stderr
         assert part in done.stderr
         assert "secret" not in done.stderr
+
+
+def test_what_fsspec_knows_is_a_store(whole: Path, tmp_path: Path) -> None:
+    address = "memory://datasets/whole"
+    assert render_study(whole / "study.yaml", address) is not None
+    store = store_at(address)
+    assert store.names() == ["manifest.json", "shards", "study.yaml"]
+    assert not store.write_new("study.yaml", b"other")
+    assert open_dataset(address).verify(full=True) == []
+    assert main(["pull", address, str(tmp_path / "ds")]) == 0
+    assert digests(tmp_path / "ds") == digests(whole / "ds")
+    store.remove("shards/00000/images/000001.png")
+    with pytest.raises(DataError, match=r"memory://datasets/whole/shards/00000/images/000001.png: is missing"):
+        open_dataset(address).images.image(1)
 
 
 def test_the_package_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

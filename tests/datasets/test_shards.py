@@ -195,3 +195,23 @@ def test_another_study_does_not_repair(whole: Path, tmp_path: Path, capsys) -> N
     assert main(["repair", str(tmp_path / "ds"), "--study", str(tmp_path / "other.yaml")]) == 2
     assert "is not the study of this dataset" in capsys.readouterr().err
     assert digests(tmp_path / "ds") == digests(whole)
+
+
+def test_several_processes_give_the_bytes_of_one(whole: Path, tmp_path: Path) -> None:
+    # Processes are started fresh, with shards as large as they are by default: two of them, of points.
+    edits = (*TINY[:3], ("frames: 4", "groups: {drawn: {mode: points, frames: 1100}, seen: {frames: 2}}"))
+    small_study(tmp_path, *edits)
+    (tmp_path / "sensor.yaml").write_text("sensor: {full_well_e: 4000}\n")
+
+    def run(*words: str) -> None:
+        command = [sys.executable, "-m", "roundel.cli.main", *words]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+    for jobs in ("1", "2"):
+        run("render", "study.yaml", f"ds{jobs}", "--jobs", jobs)
+        run("develop", f"ds{jobs}", f"dev{jobs}", "--sensor", "sensor.yaml", "--jobs", jobs)
+        run("solve", f"ds{jobs}", f"e{jobs}", "--jobs", jobs)
+        run("validate", f"ds{jobs}", f"e{jobs}", "--out", f"r{jobs}", "--jobs", jobs)
+    for name in ("ds", "dev", "e", "r"):
+        assert digests(tmp_path / f"{name}1") == digests(tmp_path / f"{name}2")
+    assert len(open_dataset(tmp_path / "ds1").contents.parts) == 2
