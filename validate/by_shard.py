@@ -1,4 +1,4 @@
-"""Scores of a dataset, shard by shard: memory holds one shard, and the rows of scores.parquet."""
+"""Scores of a dataset, shard by shard: memory holds one shard, and the columns that statistics are made of."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from roundel.validate.calibration.opencv import BoardView
 from roundel.validate.claims.calibration_benefit import off_axis_deg
 from roundel.validate.estimates.runs import Run, read_runs, touched_groups
 from roundel.validate.metrics.ground_truth import Targets, true_targets
-from roundel.validate.scores.scores import FalseDetections, Matched, Scores, match_runs, score, sorted_scores
+from roundel.validate.scores.scores import FalseDetections, Matched, Scores, match_runs, score
+from roundel.validate.scores.scores_on_disk import ScoresOnDisk
 
 
 @dataclass
@@ -134,6 +135,7 @@ def _score_part(dataset: Dataset, how: ShardScoring, touched: frozenset[str] | N
 def score_by_shard(
     dataset: Dataset,
     how: ShardScoring,
+    rows: ScoresOnDisk,
     progress: Callable[[int, int], None] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
@@ -144,6 +146,8 @@ def score_by_shard(
     ----------
     dataset : Dataset
     how : ShardScoring
+    rows : ScoresOnDisk
+        Where the rows are kept; for as long as they are used.
     progress : callable, optional
         Called with (frames done, total frames).
     jobs : int
@@ -161,13 +165,16 @@ def score_by_shard(
     # Of a single shard the runs themselves tell.
     several = len(dataset.contents.parts) > 1
     touched = touched_groups(how.files, dataset) if several else None
-    tables: list[pa.Table] = []
     boards: list[pa.Table] = []
     false: dict[tuple[str, str], FalseDetections] = {}
+    scored = False
     tally, out, done = _Tally(), ShardScores(Scores(pa.table({}))), 0
     with closing(_parts(dataset, how, touched, jobs if several else 1, scheduler if several else None)) as parts:
         for part in parts:
-            tables += part.tables
+            some = [table for table in part.tables if table.num_rows]
+            scored |= any("truth" in table["reference"].unique().to_pylist() for table in some)
+            if some:
+                rows.add(pa.concat_tables(some))
             boards += [] if part.board_rows is None else [part.board_rows]
             for its in part.false:
                 _add(false, its)
@@ -177,11 +184,10 @@ def score_by_shard(
             done += part.frames
             if progress and several:
                 progress(done, len(dataset))
-    tables = [table for table in tables if table.num_rows]
-    if not any("truth" in table["reference"].unique().to_pylist() for table in tables):
+    if not scored:
         raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
     matched = _matched(dataset, how.files, how.extent_D, touched)
-    out.scores = Scores(sorted_scores(pa.concat_tables(tables)), list(false.values()), matched)
+    out.scores = Scores(rows.table(), list(false.values()), matched)
     out.board_rows = pa.concat_tables(boards) if boards else None
     out.filled_in = {", ".join(key): list(filled) for key, filled in tally.filled.items() if filled}
     out.caveats = [

@@ -6,24 +6,22 @@ The same dataset and estimates give the same bytes at any time and place, becaus
 
 from __future__ import annotations
 
-import io
+import hashlib
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout.files import check_no_dataset
 from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import document_of
-from roundel.datasets.store.writing import clear_leftovers, sha256, write_file
+from roundel.datasets.store.writing import clear_leftovers, new_file, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
-from roundel.validate.by_shard import ShardScoring, score_by_shard
+from roundel.validate.by_shard import ShardScores, ShardScoring, score_by_shard
 from roundel.validate.calibration.camera_errors import calibration_summary
 from roundel.validate.calibration.opencv import (
     BoardView,
@@ -51,6 +49,7 @@ from roundel.validate.report.report import Pictures, render_report
 from roundel.validate.report.summary_text import main_run
 from roundel.validate.scores.report_files import SCORES, SUMMARY
 from roundel.validate.scores.scores import Scores
+from roundel.validate.scores.scores_on_disk import ScoresOnDisk, write_scores
 from roundel.validate.scores.summary import Summary, summarise, summary_record
 from roundel.validate.tables.report import NAMES, report_tables
 from roundel.validate.tables.table import Table
@@ -112,18 +111,32 @@ def validate_dataset(
     reference_camera = None if camera_path is None else read_camera(camera_path)
     views = look_for_boards(dataset.images, progress=progress)
     camera = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
-    how = ShardScoring(files, extent_D, views, reference_camera, camera)
-    found = score_by_shard(dataset, how, progress, jobs, scheduler)
-    scores = found.scores
-    calibrations = _calibrations(dataset, views)
-    benefit = calibration_benefit(scores.table, found.off_axis_deg, found.board_rows)
-    verdicts = verdicts_of(scores.table, dataset.study)
     settings = {
         "reprojection_extent_D": float(extent_D),
         "reference_intrinsics": camera if views else None,
         "solve": dataset.study.get("solve"),
     }
-    written = _parquet(scores.table)
+    how = ShardScoring(files, extent_D, views, reference_camera, camera)
+    with ScoresOnDisk() as rows:
+        found = score_by_shard(dataset, how, rows, progress, jobs, scheduler)
+        checksums = _checksums(dataset, files, write_scores(found.scores.table, rows.parquet))
+        return _write_report(dataset, found, views, settings, checksums, rows.parquet, out)
+
+
+def _write_report(
+    dataset: Dataset,
+    found: ShardScores,
+    views: list[BoardView],
+    settings: dict[str, Any],
+    checksums: dict[str, str],
+    parquet: Path,
+    out: Path,
+) -> Summary:
+    """Statistics, figures, tables and the page of scores that are written as `parquet`."""
+    scores = found.scores
+    calibrations = _calibrations(dataset, views)
+    benefit = calibration_benefit(scores.table, found.off_axis_deg, found.board_rows)
+    verdicts = verdicts_of(scores.table, dataset.study)
     summary = replace(
         summarise(dataset, scores, settings, found.circles, calibrations.whole),
         filled_in=found.filled_in,
@@ -132,7 +145,7 @@ def validate_dataset(
         worth=benefit_record(benefit) if benefit else None,
         sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
         verdicts=[verdict_record(verdict) for verdict in verdicts],
-        checksums=_checksums(dataset, files, written),
+        checksums=checksums,
         caveats=found.caveats,
     )
     pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
@@ -142,7 +155,8 @@ def validate_dataset(
     Folder(out).make()
     clear_leftovers(out)
     Folder(out).remove(SUMMARY)
-    write_file(out / SCORES, written)
+    with new_file(out / SCORES) as file, parquet.open("rb") as written:
+        shutil.copyfileobj(written, file)
     write_file(out / REPORT, html.encode())
     write_figures(out, pictures.all())
     write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
@@ -200,16 +214,10 @@ def _compared(scores: Scores, summary: Summary) -> list[Table]:
     return pair_tables(method_pairs(runs_to_compare(scores.table, summary.runs), main_run(summary)["method"]))
 
 
-def _parquet(table: pa.Table) -> bytes:
-    sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
-    return sink.getvalue()
-
-
-def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[str, str]:
+def _checksums(dataset: Dataset, files: Sequence[Path], scores_sha256: str) -> dict[str, str]:
     """sha256 of the scores, of their inputs, and of all images together."""
     return {
-        SCORES: sha256(scores),
+        SCORES: scores_sha256,
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
         **{name: listed.sha256 for name, listed in dataset.contents.own.items() if "/" not in name},
         "truth.parquet": dataset.truth_sha256,
@@ -219,7 +227,8 @@ def _checksums(dataset: Dataset, files: Sequence[Path], scores: bytes) -> dict[s
 
 def _digest(file: Path) -> str:
     try:
-        return sha256(file.read_bytes())
+        with file.open("rb") as opened:
+            return hashlib.file_digest(opened, "sha256").hexdigest()
     except OSError as error:
         raise DataError(f"{file}: cannot be read: {error.strerror}") from error
 

@@ -35,7 +35,7 @@ class FakeImages(Images):
     """Images that are held in memory."""
 
     def __init__(self, records: list[dict[str, Any]], pixels: list[np.ndarray]) -> None:
-        super().__init__(Path("memory"), records, Contents(Folder(Path("memory")), "", True, "", (), (), {}))
+        super().__init__(records, Contents(Folder(Path("memory")), "", True, "", (), (), {}))
         object.__setattr__(self, "pixels", pixels)
 
     def image(self, i: int) -> np.ndarray:
