@@ -19,7 +19,7 @@ from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import image_ids, is_whole, progress_of, tidy
 from roundel.datasets.layout.shards import shards_of
-from roundel.datasets.resume import backend_to_resume, prepare
+from roundel.datasets.resume import backend_to_resume, held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
 from roundel.datasets.work import Make, Task, Work, finish, refuse_lost, shards_within, work_through
 from roundel.datasets.worker_pool import Lost, WorkerPool
@@ -217,11 +217,12 @@ _worker: list[tuple[Work, Renderer | None]] = []
 
 
 def _start_worker(shared: Shared, backend: str | None, threads: int | None) -> None:
-    study = load_study(shared.study_path)
+    folder = store_at(shared.address)
+    # Beside the files that it may name; a machine without that disk has the study of the dataset.
+    study = load_study(shared.study_path) if Path(shared.study_path).is_file() else held_study(folder)
     if study.digest() != shared.digest:
         raise UsageError(f"{shared.study_path}: changed while it was being rendered; run again")
     _stop_worker()  # one of a cluster may have worked for somebody else before
-    folder = store_at(shared.address)
     work = Work(study, folder, range(total_frames(study)), shared.own, shared.mix)
     renderer = None
     if backend is not None:

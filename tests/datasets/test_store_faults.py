@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from helpers_s3 import BUCKET, Faults, faulty_proxy, s3_server, use_s3
+from helpers_s3 import BUCKET, Faults, faulty_proxy, s3_server, settings, use_s3
 from helpers_studies import digests, small_study
 
 from roundel.cli.main import main
@@ -144,3 +148,27 @@ def test_a_store_that_hardly_answers(server: str, made: Path, capsys) -> None:
         with using(server):
             assert main(words("render", made, out)) == 0
         check("render", server, made, out)
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments(server: str, tmp_path: Path) -> None:
+    small_study(tmp_path, *TINY[:2], ("band_samples: 256", "band_samples: 64"), ("frames: 4", "frames: 40"))
+    environment = {**os.environ, **settings(server)}
+
+    def render(out: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), out]
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
+
+    assert render(str(tmp_path / "ds")).wait() == 0
+    chance = random.Random(5)
+    for run in range(20):
+        out = f"s3://{BUCKET}/killed-{run}"
+        for _ in range(2):
+            process = render(out)
+            time.sleep(chance.uniform(1.0, 5.0))
+            process.kill()
+            process.communicate()
+        process = render(out)
+        assert (process.communicate()[1].count("roundel:"), process.returncode) == (0, 0)
+        with using(server):
+            assert objects(out) == digests(tmp_path / "ds")

@@ -7,6 +7,6 @@ readings: What a method reads beside the pose, scored: a focal length measured f
 report_files: summary.json and scores.parquet, read again and held against their checksums
 run_statistics: Statistics of a run: errors with intervals over frames, rates, recall, errors over their bounds
 scores: Scores: one row for every true circle, method, intrinsics and reference, solved or not
-scores_on_disk: Scores of a dataset of several shards on disk: they are read where they are used, and memory holds one shard
+scores_on_disk: Scores of a dataset on disk: they are read where they are used, and memory holds those of one shard
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid
 """

@@ -1,4 +1,4 @@
-"""Scores of a dataset of several shards on disk: they are read where they are used, and memory holds one shard."""
+"""Scores of a dataset on disk: they are read where they are used, and memory holds those of one shard."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ROWS = 1 << 16
 
 
 class ScoresOnDisk:
-    """A temporary file to which the scores of shards are added, in the order of their frames; it ends with the block."""
+    """A temporary file to which the scores of shards are added, in order of their frames; it ends with the block."""
 
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="roundel-")
