@@ -73,6 +73,13 @@ def grid(text: str) -> tuple[int, int]:
     return int(columns), int(rows)
 
 
+def on_disk(text: str) -> str:
+    """A folder or file of this machine, not an address: estimates and reports are written to disks."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(f"{text}: estimates, reports and pages are written to a disk; give a folder")
+    return text
+
+
 def leave_stdout() -> None:
     """Discard further output: the reader closed the pipe (`roundel check | head`), which is not an error."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -30,7 +30,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         given = [name for name in _PRINTED if getattr(arguments, name)]
         if given:
             raise UsageError(f"--{given[0].replace('_', '-')}: a dataset records its board; leave it out")
-        lines = _from_dataset(Path(arguments.inputs[0]), camera, arguments)
+        lines = _from_dataset(arguments.inputs[0], camera, arguments)
     print("\n".join(lines))
     print(f"camera: {camera}")
     return 0
@@ -88,7 +88,7 @@ def _write_grid(
     return [*lines, *error_lines(errors_of_frames(dataset, calibration.camera, frames))]
 
 
-def _from_dataset(path: Path, camera: Path, arguments: argparse.Namespace) -> list[str]:
+def _from_dataset(path: str, camera: Path, arguments: argparse.Namespace) -> list[str]:
     from roundel.datasets.dataset import open_dataset
     from roundel.solver.calibration.calibrate_images import grids_of_dataset
     from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines

@@ -5,7 +5,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from roundel.cli.arguments import EstimatesSchema, ListMethods, bend, count, frame_range, grid, part_of, positive, views
+from roundel.cli.arguments import (
+    EstimatesSchema,
+    ListMethods,
+    bend,
+    count,
+    frame_range,
+    grid,
+    on_disk,
+    part_of,
+    positive,
+    views,
+)
 from roundel.cli.usage import Parser
 
 EXIT_STATUS = (
@@ -77,7 +88,7 @@ def _add_rendering(add: AddVerb) -> None:
 
     run = add("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
     run.add_argument("study", metavar="STUDY", help=_STUDY)
-    run.add_argument("out", metavar="OUT", help=_OUT)
+    run.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
     for parser in (render, run):
         parser.add_argument(
             "--jobs",
@@ -164,7 +175,7 @@ def _add_mixing(parser: argparse.ArgumentParser) -> None:
 def _add_solving(add: AddVerb) -> None:
     solve = add("solve", "estimate the pose of every circle in a dataset, in photographs, or in a video")
     solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, image files, or a video")
-    solve.add_argument("out", metavar="OUT", help=_OUT)
+    solve.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
     solve.add_argument(
         "--diameter-m",
         type=positive,
@@ -239,7 +250,7 @@ def _add_scoring(add: AddVerb) -> None:
     validate.add_argument(
         "estimates", metavar="ESTIMATES", nargs="+", help="folders written by `roundel solve`, or files of estimates"
     )
-    validate.add_argument("--out", required=True, metavar="REPORT", help="folder to write the report to")
+    validate.add_argument("--out", type=on_disk, required=True, metavar="REPORT", help="folder to write the report to")
     validate.add_argument(
         "--schema",
         action=EstimatesSchema,
@@ -258,7 +269,7 @@ def _add_scoring(add: AddVerb) -> None:
     compare.add_argument(
         "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
     )
-    compare.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the page to")
+    compare.add_argument("--out", type=on_disk, required=True, metavar="FOLDER", help="folder to write the page to")
 
 
 def _add_league(add: AddVerb) -> None:
@@ -269,7 +280,7 @@ def _add_league(add: AddVerb) -> None:
         return actions.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", epilog=EXIT_STATUS)
 
     run = action("run", "render the league, solve it with every installed entry, write its page; resumes automatically")
-    run.add_argument("out", metavar="OUT", help="folder to write to: dataset, estimates, league")
+    run.add_argument("out", type=on_disk, metavar="OUT", help="folder to write to: dataset, estimates, league")
     run.add_argument("--study", default="league", metavar="STUDY", help=f"{_STUDY} (default: league)")
     run.add_argument("--dataset", metavar="DATASET", help="solve this dataset instead of rendering the study")
     run.add_argument("--jobs", type=count, default=1, metavar="N", help="number of processes that render (default 1)")
@@ -281,7 +292,7 @@ def _add_league(add: AddVerb) -> None:
     )
     score.add_argument("--against", metavar="LEAGUE", help="folder of the published league, to be beside its entries")
     score.add_argument("--name", metavar="NAME", help="name of the entry (default: the method's)")
-    score.add_argument("--out", required=True, metavar="FOLDER", help="folder to write the page to")
+    score.add_argument("--out", type=on_disk, required=True, metavar="FOLDER", help="folder to write the page to")
     for parser in (run, score):
         parser.add_argument("--truth", metavar="KEPT", help="the truth of a held-back dataset, from `league hold-back`")
 
@@ -314,7 +325,7 @@ def _add_tools(add: AddVerb) -> None:
         help="disc, disc_with_tick, ring, rings, coded_rings, ring_code, dot_code, two_discs, dot_ring, "
         "disc_with_chessboard, chessboard, circle_grid, charuco, tags, stag",
     )
-    marker.add_argument("out", metavar="OUT", help="file to write, .pdf or .svg")
+    marker.add_argument("out", type=on_disk, metavar="OUT", help="file to write, .pdf or .svg")
     marker.add_argument("--diameter-m", type=positive, metavar="D", help="diameter of the circle (default 0.08)")
     marker.add_argument("--paper", default="a4", metavar="NAME", help="a5, a4 (default), a3, letter, legal, tabloid")
     marker.add_argument(

@@ -27,8 +27,6 @@ from roundel.scenes.errors import DataError
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import total_frames
 
-_POLL_S = 0.2
-
 
 @dataclass(frozen=True)
 class Task:
@@ -176,7 +174,7 @@ class _Batch:
             while self.ready:
                 self._take(self._finishes())
             if self.waiting and not self.made:
-                time.sleep(_POLL_S)
+                time.sleep(self.job.folder.poll_s)
 
     def _take(self, tasks: Iterator[Task]) -> None:
         for outcome in self.make(tasks):

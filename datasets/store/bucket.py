@@ -43,6 +43,7 @@ class Bucket(Store):
     within: str = ""
 
     decays = False
+    poll_s = 1.0
 
     @staticmethod
     def at(address: str) -> Bucket:

@@ -40,6 +40,7 @@ class Folder(Store):
     path: Path
 
     decays = True
+    poll_s = 0.2
 
     def __str__(self) -> str:
         return str(self.path)

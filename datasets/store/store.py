@@ -113,6 +113,9 @@ class LogFiles(ABC):
 class Store(ABC):
     """A folder of files, with folders in it."""
 
+    # How long to wait before asking again whether others have gone on, seconds.
+    poll_s: float
+
     # Whether bytes that were once safely written may be others later, as on a disk after a loss of power.
     decays: bool
 
