@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from roundel.datasets.store.writing import write_failure
+from roundel.scenes.errors import DataError
 from roundel.validate.scores.scores import SCORES_SCHEMA, sorted_scores
 
 # Of the file on disk: as many as are read at once, and of a row group of scores.parquet.
@@ -17,10 +19,21 @@ _ROWS = 1 << 16
 
 
 class ScoresOnDisk:
-    """A temporary file to which the scores of shards are added, in order of their frames; it ends with the block."""
+    """A temporary file to which the scores of shards are added, in order of their frames; it ends with the block.
+
+    Raises
+    ------
+    DataError
+        If there is no room for temporary files.
+    """
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="roundel-")
+        try:
+            self._folder = tempfile.TemporaryDirectory(prefix="roundel-")
+        except OSError as error:
+            raise DataError(
+                f"{tempfile.gettempdir()}: cannot write there ({error.strerror}); free some space, or set TMPDIR"
+            ) from error
         self._path = Path(self._folder.name) / "scores.arrow"
         self.parquet = self._path.with_name("scores.parquet")
         self._writer: pa.RecordBatchFileWriter | None = None
@@ -29,7 +42,8 @@ class ScoresOnDisk:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._close()
+        with suppress(OSError):  # of a full disk, which was said
+            self._close()
         self._folder.cleanup()
 
     def _close(self) -> None:
