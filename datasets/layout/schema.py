@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from roundel.datasets.layout.files import IMAGES, RADIANCE
 from roundel.datasets.store.store import MOST_BYTES, is_confined
@@ -234,6 +234,52 @@ class PartRecord(BaseModel):
     images_sha256: Digest
 
 
+class _Extent(BaseModel):
+    model_config = _STRICT
+    mean: _Number
+    ci95: _Number
+    worst: _Number
+
+
+class _Measured(BaseModel):
+    """Fidelity over circles, see `fidelity.summary.summarise`."""
+
+    model_config = _STRICT
+    circles: Annotated[int, Field(ge=1)]
+    shift_x_px: _Extent
+    shift_y_px: _Extent
+    scale_px: _Extent
+    shift_bound_px: _Number
+    residual: _Number
+    monte_carlo: _Number
+    z_rms: _Number
+    z_passed: Count
+    z_consistent: bool
+    by_effect: dict[str, _Measured] = {}
+    unmeasured: dict[str, Count] = {}
+
+
+class _Unmeasured(BaseModel):
+    model_config = _STRICT
+    circles: Literal[0] = 0
+    reason: str = ""
+    unmeasured: dict[str, Count] = {}
+
+
+def _fidelity(summary: dict[str, Any]) -> dict[str, Any]:
+    """The summary of the fidelity as it is, if it has every key in range."""
+    try:
+        (_Measured if summary.get("circles") else _Unmeasured).model_validate(summary)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ValueError(f"{where}: {first['msg']}") from None
+    return summary
+
+
+FidelitySummary = Annotated[dict[str, Any], AfterValidator(_fidelity)]
+
+
 class ShardRecord(BaseModel):
     """shard.json: what a shard holds."""
 
@@ -244,7 +290,7 @@ class ShardRecord(BaseModel):
     complete: bool
     counts: CountsRecord
     environments: dict[str, EnvironmentRecord]
-    fidelity: dict[str, Any]
+    fidelity: FidelitySummary
     files: dict[str, FileRecord]
     images_sha256: Digest
     developed_from: Digest | None = None
@@ -273,7 +319,7 @@ class ManifestRecord(BaseModel):
     environment: dict[str, Any] = {}
     environments: dict[str, EnvironmentRecord] | None = None
     counts: CountsRecord
-    fidelity: dict[str, Any] = {}
+    fidelity: FidelitySummary = {}
     files: dict[str, FileRecord]
     complete: bool = True
     images_sha256: Digest | None = None
@@ -289,9 +335,10 @@ class ManifestRecord(BaseModel):
 
 
 class OldManifestRecord(ManifestRecord):
-    """manifest.json of version 1."""
+    """manifest.json of version 1, of which some measured the fidelity otherwise."""
 
     model_config = _LOOSE
+    fidelity: dict[str, Any] = {}
 
 
 def checked(model: type[Model], record: Any, place: str) -> Model:
