@@ -159,7 +159,8 @@ def test_killed_at_random_moments(server: str, tmp_path: Path) -> None:
         command = [sys.executable, "-m", "roundel.cli.main", "render", str(tmp_path / "study.yaml"), out]
         return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
 
-    assert render(str(tmp_path / "ds")).wait() == 0
+    first = render(str(tmp_path / "ds"))
+    assert (first.communicate()[1].count("roundel:"), first.returncode) == (0, 0)
     chance = random.Random(5)
     for run in range(20):
         out = f"s3://{BUCKET}/killed-{run}"
