@@ -110,7 +110,7 @@ print((len(shard.frames) - 1) / (time.perf_counter() - began))
 
 def alone(study: Path, out: Path) -> float:
     """Frames a second of a process that calls what a worker calls."""
-    # As Dask starts its workers.
+    # Dask starts its workers with these, whatever the user sets: the same here leaves scheduling as the difference.
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", ALONE, str(study), str(out)]
     return float(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout)

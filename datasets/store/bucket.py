@@ -55,8 +55,9 @@ class Bucket(Store):
             If nothing is known of such addresses, or the package for them is not installed.
         """
         parts = urlsplit(address)
-        name = parts.username if parts.scheme in _SCHEMES else None  # elsewhere that of a user, as in sftp://me@host
-        if name or parts.password or parts.query or parts.fragment:
+        # Elsewhere a name is no credential: sftp://me@host, abfss://container@account.
+        named = parts.username and parts.scheme in ("s3", "s3a", "gs", "http", "https")
+        if named or parts.password or parts.query or parts.fragment:
             raise UsageError(f"{parts.scheme}://{parts.hostname}: leave credentials, ? and # out of the address")
         bucket = Bucket(address.rstrip("/"))
         client_of(bucket.root)
@@ -108,7 +109,7 @@ class Bucket(Store):
 
     def _lists(self) -> bool:
         """Whether the store can tell what it has: a web server cannot."""
-        return urlsplit(self.root).scheme not in ("http", "https") or "HTTPStore" not in repr(client_of(self.root))
+        return type(client_of(self.root)).__name__ != "HTTPStore"
 
     def size(self, name: str) -> int | None:
         """Bytes of an object; None if there is none."""

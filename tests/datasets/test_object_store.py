@@ -269,6 +269,13 @@ def test_what_fsspec_knows_is_a_store(whole: Path, tmp_path: Path) -> None:
         open_dataset(address).images.image(1)
 
 
+def test_a_container_of_azure_is_no_credential(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AZURE_STORAGE_ACCOUNT_KEY", "c2VjcmV0")
+    assert str(Bucket.at("abfss://container@account.dfs.core.windows.net/name")).endswith("/name")
+    with pytest.raises(UsageError, match="leave credentials"):
+        Bucket.at("abfss://container:secret@account.dfs.core.windows.net/name")
+
+
 def test_the_package_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "obstore.store", None)
     monkeypatch.setitem(sys.modules, "obstore", None)
