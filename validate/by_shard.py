@@ -21,7 +21,7 @@ from roundel.scenes.errors import DataError, NotComparableError
 from roundel.solver.caveats import count_caveats
 from roundel.validate.calibration.chessboard_reference import Reference, reference_of
 from roundel.validate.calibration.opencv import BoardView
-from roundel.validate.claims.calibration_benefit import off_axis_deg
+from roundel.validate.claims.calibration_benefit import ERRORS, off_axis_deg
 from roundel.validate.estimates.runs import Run, read_runs, touched_groups
 from roundel.validate.metrics.ground_truth import Targets, true_targets
 from roundel.validate.scores.scores import FalseDetections, Matched, Scores, match_runs, score
@@ -38,10 +38,10 @@ class ShardScores:
         Against the truth and against the chessboards, and the chessboards' own poses.
     circles : int
         True circles.
-    off_axis_deg : dict
-        By (frame_id, marker_id), see `calibration_benefit`; empty if no run is calibrated.
+    off_axis : pyarrow.Table or None
+        See `calibration_benefit`; None if no run is calibrated.
     board_rows : pyarrow.Table or None
-        Scores of circles by the boards beside them.
+        Errors of circles by the boards beside them.
     filled_in : dict
         Defaults that were used, by run.
     caveats : list of dict
@@ -50,7 +50,7 @@ class ShardScores:
 
     scores: Scores
     circles: int = 0
-    off_axis_deg: dict[tuple[int, int], float] = field(default_factory=dict)
+    off_axis: pa.Table | None = None
     board_rows: pa.Table | None = None
     filled_in: dict[str, list[str]] = field(default_factory=dict)
     caveats: list[dict[str, Any]] = field(default_factory=list)
@@ -113,7 +113,7 @@ class _Part:
     false: list[FalseDetections]
     circles: int
     frames: int
-    off_axis_deg: dict[tuple[int, int], float]
+    off_axis: pa.Table | None
     tally: _Tally
 
 
@@ -126,9 +126,11 @@ def _score_part(dataset: Dataset, how: ShardScoring, touched: frozenset[str] | N
     tally = _Tally()
     for run in runs:
         tally.add(run)
-    off_axis = off_axis_deg(targets.truth) if any("calibrated" in run.intrinsics for run in runs) else {}
+    off_axis = off_axis_deg(targets.truth) if any("calibrated" in run.intrinsics for run in runs) else None
     tables = [found.table, *([reference.rows] if reference is not None else [])]
-    boards = None if reference is None else reference.circle_rows
+    boards = None
+    if reference is not None and reference.circle_rows is not None:
+        boards = reference.circle_rows.select(["frame_id", "marker_id", *(error.oracle for error in ERRORS)])
     return _Part(tables, boards, found.false_detections, len(targets), len(part), off_axis, tally)
 
 
@@ -166,6 +168,7 @@ def score_by_shard(
     several = len(dataset.contents.parts) > 1
     touched = touched_groups(how.files, dataset) if several else None
     boards: list[pa.Table] = []
+    off_axis: list[pa.Table] = []
     false: dict[tuple[str, str], FalseDetections] = {}
     scored = False
     tally, out, done = _Tally(), ShardScores(Scores(pa.table({}))), 0
@@ -180,15 +183,16 @@ def score_by_shard(
                 _add(false, its)
             tally.join(part.tally)
             out.circles += part.circles
-            out.off_axis_deg |= part.off_axis_deg
+            off_axis += [] if part.off_axis is None else [part.off_axis]
             done += part.frames
             if progress and several:
                 progress(done, len(dataset))
     if not scored:
         raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
     matched = _matched(dataset, how.files, how.extent_D, touched)
-    out.scores = Scores(rows.table(), list(false.values()), matched)
+    out.scores = Scores(rows.finish(), list(false.values()), matched)
     out.board_rows = pa.concat_tables(boards) if boards else None
+    out.off_axis = pa.concat_tables(off_axis) if off_axis else None
     out.filled_in = {", ".join(key): list(filled) for key, filled in tally.filled.items() if filled}
     out.caveats = [
         {"method": key[0], "intrinsics": key[1], "caveat": heading, "count": count, "of": tally.detections[key]}

@@ -37,7 +37,7 @@ from roundel.validate.claims.robustness import sweep_summary, sweeps_of
 from roundel.validate.claims.verdicts import Verdict, verdict_record, verdicts_of
 from roundel.validate.estimates.reader import find_estimates
 from roundel.validate.figures.calibration import calibration_pictures
-from roundel.validate.figures.calibration_benefit import benefit_picture
+from roundel.validate.figures.calibration_benefit import benefit_pictures
 from roundel.validate.figures.error_curves import pictures
 from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst
@@ -49,7 +49,7 @@ from roundel.validate.report.report import Pictures, render_report
 from roundel.validate.report.summary_text import main_run
 from roundel.validate.scores.report_files import SCORES, SUMMARY
 from roundel.validate.scores.scores import Scores
-from roundel.validate.scores.scores_on_disk import ScoresOnDisk, write_scores
+from roundel.validate.scores.scores_on_disk import ScoresOnDisk
 from roundel.validate.scores.summary import Summary, summarise, summary_record
 from roundel.validate.tables.report import NAMES, report_tables
 from roundel.validate.tables.table import Table
@@ -119,7 +119,7 @@ def validate_dataset(
     how = ShardScoring(files, extent_D, views, reference_camera, camera)
     with ScoresOnDisk() as rows:
         found = score_by_shard(dataset, how, rows, progress, jobs, scheduler)
-        checksums = _checksums(dataset, files, write_scores(found.scores.table, rows.parquet))
+        checksums = _checksums(dataset, files, rows.sha256)
         return _write_report(dataset, found, views, settings, checksums, rows.parquet, out)
 
 
@@ -135,7 +135,7 @@ def _write_report(
     """Statistics, figures, tables and the page of scores that are written as `parquet`."""
     scores = found.scores
     calibrations = _calibrations(dataset, views)
-    benefit = calibration_benefit(scores.table, found.off_axis_deg, found.board_rows)
+    benefit = calibration_benefit(scores.table, found.off_axis, found.board_rows)
     verdicts = verdicts_of(scores.table, dataset.study)
     summary = replace(
         summarise(dataset, scores, settings, found.circles, calibrations.whole),
@@ -197,7 +197,7 @@ def _pictures(
     """Every figure of the report."""
     main = main_run(summary)
     return Pictures(
-        lead=[benefit_picture(benefit)] if benefit else [],
+        lead=benefit_pictures(benefit) if benefit else [],
         verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
         errors=pictures(scores.table, main["method"]),
         sweeps=sweep_pictures(summary.sweeps),

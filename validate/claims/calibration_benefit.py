@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.conditions import ON_AXIS_DEG
-from roundel.validate.metrics.metric import HEADLINE, column, text_column
+from roundel.validate.metrics.metric import HEADLINE
+from roundel.validate.metrics.rows import Rows, circle_keys, column, placed, texts_of, those, where_text
 from roundel.validate.scores.summary import CHESSBOARD, levels
-from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval
+from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, Interval, bootstrap_interval, draws, resamples_of
 
 Array = NDArray[np.float64]
 
@@ -88,26 +88,23 @@ class CalibrationBenefit:
 BOARD = "chessboard"
 
 
-def off_axis_deg(truth: pa.Table) -> dict[tuple[int, int], float]:
-    """Angle between the line of sight to a circle's centre and the optical axis, by (frame_id, marker_id)."""
+def off_axis_deg(truth: pa.Table) -> pa.Table:
+    """`off_axis_deg`, the angle between the line of sight to a circle's centre and the optical axis, of each circle."""
     x, y, z = (column(truth, f"centre_{a}_m") for a in "xyz")
     angle = np.degrees(np.arctan2(np.hypot(x, y), z))
-    keys = zip(truth["frame_id"].to_pylist(), truth["marker_id"].to_pylist(), strict=True)
-    return dict(zip(keys, angle.tolist(), strict=True))
+    return pa.table({"frame_id": truth["frame_id"], "marker_id": truth["marker_id"], "off_axis_deg": angle})
 
 
-def calibration_benefit(
-    table: pa.Table, offset_deg: dict[tuple[int, int], float], board: pa.Table | None = None
-) -> CalibrationBenefit | None:
+def calibration_benefit(table: Rows, offset: Rows | None, board: Rows | None = None) -> CalibrationBenefit | None:
     """The benefit of calibration, from a table of scores.
 
     Parameters
     ----------
-    table : pyarrow.Table
+    table : Rows
         Rows of scores.parquet; only those against the truth are used.
-    offset_deg : dict
-        From `off_axis_deg`.
-    board : pyarrow.Table, optional
+    offset : Rows or None
+        From `off_axis_deg`; None if no run is calibrated.
+    board : Rows, optional
         Scores of the same circles with the poses given by the chessboard beside them.
 
     Returns
@@ -115,13 +112,15 @@ def calibration_benefit(
     CalibrationBenefit or None
         None if no method has both calibrated and uncalibrated intrinsics.
     """
-    truth = table.filter(pc.equal(table["reference"], "truth"))
-    for method in sorted(set(truth["method"].unique().to_pylist()) - {CHESSBOARD}):
-        part = truth.filter(pc.equal(truth["method"], method))
-        labels = sorted(set(part["intrinsics"].unique().to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
+    truth = those(table, where_text(table, reference="truth"))
+    for method in texts_of(truth, "method"):
+        if method == CHESSBOARD or offset is None:
+            continue
+        part = those(truth, where_text(truth, method=method))
+        labels = sorted(texts_of(part, "intrinsics"), key=lambda label: IntrinsicsLabel.of(label).rank)
         pair = _pair(labels)
         if pair is not None:
-            return _worth(method, *pair, labels, part, offset_deg, board)
+            return _worth(method, *pair, labels, part, offset, board)
     return None
 
 
@@ -142,27 +141,21 @@ def _worth(
     calibrated: str,
     uncalibrated: str,
     labels: list[str],
-    part: pa.Table,
-    offset_deg: dict[tuple[int, int], float],
-    board: pa.Table | None,
+    part: Rows,
+    offsets: Rows,
+    board: Rows | None,
 ) -> CalibrationBenefit:
-    def keys_of(rows: pa.Table) -> list[tuple[int, int]]:
-        return list(zip(rows["frame_id"].to_pylist(), rows["marker_id"].to_pylist(), strict=True))
-
-    intrinsics = text_column(part, "intrinsics")
-    runs = {label: part.filter(pa.array(intrinsics == label)) for label in labels}
+    runs = {label: those(part, where_text(part, intrinsics=label)) for label in labels}
     first = runs[calibrated]
-    keys = keys_of(first)
+    keys = circle_keys(first)
     if board is not None and board.num_rows:
         runs[BOARD] = board
     errors: dict[str, dict[str, Array]] = {error.name: {} for error in ERRORS}
     for label, rows in runs.items():
-        place = {key: i for i, key in enumerate(keys_of(rows))}
-        at = np.array([place.get(key, -1) for key in keys], dtype=np.int64)
+        of = circle_keys(rows)
         for error in ERRORS:
-            values = np.append(error.values(rows), np.nan)
-            errors[error.name][label] = values[at]
-    offset = np.array([offset_deg.get(key, np.nan) for key in keys])
+            errors[error.name][label] = placed(error.values(rows), of, keys)
+    offset = placed(column(offsets, "off_axis_deg"), circle_keys(offsets), keys)
     variables = {name: column(first, name) for name in ("distance_D", "tilt_deg")}
     near, far = np.flatnonzero(offset <= ON_AXIS_DEG), np.flatnonzero(offset > ON_AXIS_DEG)
     parts = {"on_axis": near, "off_axis": far}
@@ -232,9 +225,11 @@ def error_ratio(
     value = float(np.median(a) / max(float(np.median(b)), _NOTHING))
     if len(a) < MIN_SAMPLES["median"]:
         return Interval(value, None, None, len(a), f"fewer than {MIN_SAMPLES['median']} samples")
-    drawn = np.random.default_rng(0).integers(0, len(a), (_RESAMPLES, len(a)))
-    ratios = np.median(a[drawn], axis=1) / np.maximum(np.median(b[drawn], axis=1), _NOTHING)
-    low, high = np.percentile(ratios, [50 - 50 * LEVEL, 50 + 50 * LEVEL])
+    ratios = [
+        np.median(a[drawn], axis=1) / np.maximum(np.median(b[drawn], axis=1), _NOTHING)
+        for drawn in draws(len(a), min(_RESAMPLES, resamples_of(len(a))))
+    ]
+    low, high = np.percentile(np.concatenate(ratios), [50 - 50 * LEVEL, 50 + 50 * LEVEL])
     return Interval(value, float(low), float(high), len(a), "percentile, paired")
 
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-from numpy.typing import NDArray
 
 from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics import metric
-from roundel.validate.metrics.metric import column, text_column
+from roundel.validate.metrics.rows import Rows, column, text_column, texts_of, those, where_text
 from roundel.validate.scores.summary import CHESSBOARD, levels
 from roundel.validate.statistics.trends import Array, Index, Mask
 
@@ -96,12 +94,12 @@ class Condition:
         return self.distance_D.max() >= ratio * self.distance_D.min() and len(np.unique(self.distances()[0])) >= count
 
 
-def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
+def conditions_of(table: Rows, study: dict[str, Any]) -> list[Condition]:
     """Every condition that can test the paper's claims, those on the axis first.
 
     Parameters
     ----------
-    table : pa.Table
+    table : Rows
         Scores.
     study : dict
         The resolved study.
@@ -115,21 +113,19 @@ def conditions_of(table: pa.Table, study: dict[str, Any]) -> list[Condition]:
     method = _method(table, study)
     if method is None:
         return []
-    texts = {n: text_column(table, n) for n in ("method", "reference", "group", "intrinsics")}
-    mine = (texts["method"] == method) & (texts["reference"] == "truth")
+    mine = those(table, where_text(table, method=method, reference="truth"))
     found: list[Condition] = []
-    for group in dict.fromkeys(texts["group"][mine].tolist()):
+    for group in mine["group"].unique().to_pylist():
         section = (study.get("groups") or {}).get(group)
         lens = _lens(section)
         if section is None or lens is None or not _sweeps_pose_only(section):
             continue
-        rows = mine & (texts["group"] == group)
-        found.extend(_of_group(table.filter(pa.array(rows)), texts["intrinsics"][rows], group, lens))
+        found.extend(_of_group(those(mine, where_text(mine, group=group)), group, lens))
     return sorted(found, key=lambda s: not s.on_axis)
 
 
-def _method(table: pa.Table, study: dict[str, Any]) -> str | None:
-    present: list[str] = sorted(set(table["method"].unique().to_pylist()) - {CHESSBOARD})
+def _method(table: Rows, study: dict[str, Any]) -> str | None:
+    present = [name for name in texts_of(table, "method") if name != CHESSBOARD]
     asked = [str(m) for m in (study.get("solve") or {}).get("methods") or [] if m in present]
     return next(iter([*asked, *present]), None)
 
@@ -171,11 +167,12 @@ def _lens(section: dict[str, Any] | None) -> _Lens | None:
     return _Lens(float(focal), ratio, cx, cy, default / focal, pure)
 
 
-def _of_group(table: pa.Table, intrinsics: NDArray[Any], group: str, lens: _Lens) -> list[Condition]:
-    labels = sorted(set(intrinsics.tolist()), key=lambda label: IntrinsicsLabel.of(label).rank)
+def _of_group(table: Rows, group: str, lens: _Lens) -> list[Condition]:
+    labels = sorted(texts_of(table, "intrinsics"), key=lambda label: IntrinsicsLabel.of(label).rank)
     right = _right(labels)
     if right is None:
         return []
+    intrinsics = text_column(table, "intrinsics")
     keys = np.stack([column(table, n) for n in ("frame_id", "marker_id")], axis=1)
     circles, number = np.unique(keys, axis=0, return_inverse=True)
     number = number.ravel()

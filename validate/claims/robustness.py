@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.metrics.metric import NORMAL, column, text_column
-from roundel.validate.scores.summary import CHESSBOARD, run_keys, select
-from roundel.validate.statistics.intervals import wilson_interval
+from roundel.validate.metrics.metric import NORMAL
+from roundel.validate.metrics.rows import Rows, column, flag_column, those, where_text
+from roundel.validate.scores.summary import CHESSBOARD, run_keys, run_rows
+from roundel.validate.statistics.intervals import draws, wilson_interval
 
 Array = NDArray[np.float64]
 
@@ -102,12 +102,12 @@ class Sweep:
     curves: list[Curve]
 
 
-def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
+def sweeps_of(table: Rows, study: dict[str, Any]) -> list[Sweep]:
     """The sweeps of a study, from its scores.
 
     Parameters
     ----------
-    table : pyarrow.Table
+    table : Rows
         Scores, with `sweep_level` and `sweep_frame`.
     study : dict
         The resolved study.
@@ -120,7 +120,6 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
     if "sweep_level" not in table.column_names:
         return []
     found = []
-    group = text_column(table, "group")
     keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != CHESSBOARD]
     keys.sort(key=lambda key: (key[0], not IntrinsicsLabel.of(key[1]).is_right))
     for name, section in (study.get("groups") or {}).items():
@@ -132,8 +131,8 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
         reference = levels.index(0.0) if 0.0 in levels else 0
         curves = []
         for key in keys:
-            rows = select(table, key) & (group == name)
-            curve = _curve(table.filter(pa.array(rows)), key, levels, reference)
+            rows = run_rows(table, key)
+            curve = _curve(those(rows, where_text(rows, group=name)), key, levels, reference)
             if curve is not None:
                 curves.append(curve)
         if curves:
@@ -142,9 +141,9 @@ def sweeps_of(table: pa.Table, study: dict[str, Any]) -> list[Sweep]:
     return found
 
 
-def _curve(table: pa.Table, key: tuple[str, str, str], levels: list[float], reference: int) -> Curve | None:
+def _curve(table: Rows, key: tuple[str, str, str], levels: list[float], reference: int) -> Curve | None:
     frame, level = column(table, "sweep_frame"), column(table, "sweep_level")
-    solved = np.array(table["solved"].to_pylist(), dtype=bool)
+    solved = flag_column(table, "solved")
     error, bound = column(table, ERROR), column(table, BOUND)
     error = np.where(solved & np.isfinite(error), error, math.inf)
     frames = np.unique(frame[np.isfinite(frame)])
@@ -157,8 +156,7 @@ def _curve(table: pa.Table, key: tuple[str, str, str], levels: list[float], refe
     unit = bounds[:, reference]
     relative = bool((np.isfinite(unit) & (unit > 0)).all())
     scaled = worst / unit[:, None] if relative else worst
-    draws = np.random.default_rng(0).integers(0, len(worst), size=(_RESAMPLES, len(worst)))
-    medians, median = _middle(scaled[draws], axis=1), _middle(scaled, axis=0)
+    medians, median = _resampled_medians(scaled), _middle(scaled, axis=0)
     low, high = np.quantile(medians, [0.025, 0.975], axis=0, method="inverted_cdf")
     return Curve(
         key[0],
@@ -182,6 +180,11 @@ def _by_frame(values: Array, frame: Array, level: Array, frames: Array, levels: 
         rows = np.flatnonzero(level == value)
         np.fmax.at(out[:, i], np.searchsorted(frames, frame[rows]), values[rows])
     return out
+
+
+def _resampled_medians(values: Array) -> Array:
+    """Medians (resamples, levels) of frames (n, levels) drawn with replacement."""
+    return np.concatenate([_middle(values[drawn], axis=1) for drawn in draws(len(values), _RESAMPLES)])
 
 
 def _middle(values: Array, axis: int) -> Array:

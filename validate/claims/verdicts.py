@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import pyarrow as pa
-
 from roundel.validate.claims.claim import Claim, Finding
 from roundel.validate.claims.conditions import Condition, conditions_of
 from roundel.validate.claims.normal import normal_focal, normal_grows, normal_lowest_tilt
@@ -17,6 +15,7 @@ from roundel.validate.claims.reprojection import (
     reprojection_meets,
     reprojection_uncalibrated,
 )
+from roundel.validate.metrics.rows import Rows
 from roundel.validate.statistics.intervals import holm
 
 HOLDS, CONDITION, FALSE, OPEN = (
@@ -68,12 +67,12 @@ class Verdict:
         return f"verdict-{self.claim.key}"
 
 
-def verdicts_of(table: pa.Table, study: dict[str, Any]) -> list[Verdict]:
+def verdicts_of(table: Rows, study: dict[str, Any]) -> list[Verdict]:
     """Verdicts of a report.
 
     Parameters
     ----------
-    table : pa.Table
+    table : Rows
         Scores.
     study : dict
         The resolved study.

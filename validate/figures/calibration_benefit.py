@@ -37,9 +37,14 @@ _TITLES = {
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all frames"}
 
 
-def benefit_picture(worth: CalibrationBenefit) -> Picture:
-    """Median errors with their intervals: one row per error, column per variable, curve per kind of intrinsics."""
+def benefit_pictures(worth: CalibrationBenefit) -> list[Picture]:
+    """Median errors with their intervals: one row per error, column per variable, curve per kind of intrinsics.
+
+    Empty if no variable has enough circles for a curve.
+    """
     panels = _shown(worth)
+    if not panels:
+        return []
     styles = _styles(worth)
 
     def draw(figure: Figure) -> None:
@@ -74,7 +79,7 @@ def benefit_picture(worth: CalibrationBenefit) -> Picture:
         "marker, by solvePnP."
     )
     size = (2.25 * len(panels) + 0.2, 2.0 * len(ERRORS) + 1.1)
-    return Picture("worth", caption, draw_svg("worth", caption, size, draw))
+    return [Picture("worth", caption, draw_svg("worth", caption, size, draw))]
 
 
 def _shown(worth: CalibrationBenefit) -> list[Panel]:

@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
-from roundel.validate.metrics.metric import PAPER, Metric, column, text_column
+from roundel.validate.metrics.metric import PAPER, Metric
+from roundel.validate.metrics.rows import Rows, column, distinct, text_column, texts_of, those, where_text
 from roundel.validate.scores.summary import CHESSBOARD, grid_of
 from roundel.validate.tables.table import clean
 
@@ -35,29 +35,27 @@ _MAX_PICTURES = 12
 _MAX_DOTS = 500
 
 
-def pictures(table: pa.Table, first: str = "") -> list[Picture]:
+def pictures(table: Rows, first: str = "") -> list[Picture]:
     """The paper's figure for each method (`first` before the others), reference and group of a table of scores."""
     found = []
-    texts = {n: text_column(table, n) for n in ("method", "reference", "group", "intrinsics")}
-    keys = dict.fromkeys(zip(texts["method"], texts["reference"], texts["group"], strict=True))
+    keys = distinct(table, ("method", "reference", "group"))
     several = len({key[2] for key in keys}) > 1
     for method, reference, group in sorted(keys, key=lambda k: (k[0] != first, k[0], k[1] != "truth", k[2])):
-        rows = (texts["method"] == method) & (texts["reference"] == reference) & (texts["group"] == group)
-        if method == CHESSBOARD or not np.isfinite(column(table, PAPER[0].oracle)[rows]).any():
+        if method == CHESSBOARD:
             continue
-        part = table.filter(pa.array(rows))
+        part = those(table, where_text(table, method=method, reference=reference, group=group))
+        if not np.isfinite(PAPER[0].values(part)).any():
+            continue
         name, folded = name_of(method, reference, group), reference != "truth"
         about = f"Method {clean(method, 40)} against the {reference}"
         about += f", group {clean(group, 40)}" if several else ""
-        grid = grid_of(part, np.ones(part.num_rows, dtype=bool))
+        grid = grid_of(part)
         if grid is not None and len(grid[0]) > 1 and len(grid[1]) <= _MAX_PANELS:
             caption = (
                 f"{about}: mean error of the better candidate over distance, one panel per tilt, one curve per kind of "
                 "intrinsics. Camera frame; D: marker diameters; reprojection in the delivered image."
             )
-            if len(part) >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(
-                set(part["intrinsics"].unique().to_pylist())
-            ):
+            if part.num_rows >= _MIN_FOR_BAND * len(grid[0]) * len(grid[1]) * len(texts_of(part, "intrinsics")):
                 caption += " Bands: 95 % interval of the mean."
             found.append(Picture(name, caption, _drawn(name, about, part, grid), folded))
         else:
@@ -71,11 +69,11 @@ def pictures(table: pa.Table, first: str = "") -> list[Picture]:
     return found
 
 
-def _drawn(name: str, title: str, table: pa.Table, grid: tuple[Array, Array] | None) -> str:
+def _drawn(name: str, title: str, table: Rows, grid: tuple[Array, Array] | None) -> str:
     panels = 1 if grid is None else len(grid[1])
     # With one panel per row the figure would be tall and narrow, so the three errors are placed side by side.
     shape = (1, len(PAPER)) if panels == 1 else (len(PAPER), panels)
-    labels = sorted(set(table["intrinsics"].unique().to_pylist()), key=lambda label: IntrinsicsLabel.of(label).rank)
+    labels = sorted(texts_of(table, "intrinsics"), key=lambda label: IntrinsicsLabel.of(label).rank)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(*shape, squeeze=False, sharex=True, sharey="row" if panels > 1 else False)
@@ -116,7 +114,7 @@ def _positive(values: Any) -> Array:
     return known[np.isfinite(known) & (known > 0)]
 
 
-def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distances: Array, tilt: float) -> None:
+def _curves(axes: Axes, table: Rows, row: Metric, labels: list[str], distances: Array, tilt: float) -> None:
     intrinsics = text_column(table, "intrinsics")
     distance, at_tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6) == tilt
     values = row.values(table)
@@ -133,7 +131,7 @@ def _curves(axes: Axes, table: pa.Table, row: Metric, labels: list[str], distanc
         )
 
 
-def _scatter(axes: Axes, table: pa.Table, row: Metric, labels: list[str]) -> None:
+def _scatter(axes: Axes, table: Rows, row: Metric, labels: list[str]) -> None:
     intrinsics = text_column(table, "intrinsics")
     distance, values = column(table, "distance_D"), row.values(table)
     for i, label in enumerate(labels):

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.validate.claims.robustness import is_logarithmic
 from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg
-from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric, column
-from roundel.validate.scores.summary import select
+from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric
+from roundel.validate.metrics.rows import Rows, column, flag_column
+from roundel.validate.scores.summary import run_rows
 from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:
@@ -58,22 +58,22 @@ ERRORS = (*HEADLINE, ELLIPSE_CENTRE)
 MISSED = "not solved [%]"
 
 
-def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Picture]:
+def variable_pictures(table: Rows, method: str, intrinsics: str) -> list[Picture]:
     """The matrix of one run against the truth; empty if too few frames were scored or nothing was varied.
 
     Parameters
     ----------
-    table : pyarrow.Table
+    table : Rows
         Scores.
     method, intrinsics : str
         The run.
     """
-    part = table.filter(pa.array(select(table, (method, intrinsics, "truth"))))
+    part = run_rows(table, (method, intrinsics, "truth"))
     degrees = [(degree, values) for degree in DEGREES if (values := _varied(part, degree)) is not None]
     errors = [error for error in ERRORS if np.isfinite(error.values(part)).sum() >= _MIN_FRAMES]
     if not degrees or not errors:
         return []
-    solved = np.array(part["solved"].to_pylist(), dtype=bool)
+    solved = flag_column(part, "solved")
     size = (max(1.55 * len(degrees) + 0.6, 4.0), 1.35 * (len(errors) + (not solved.all())) + 0.4)
 
     def draw(figure: Figure) -> None:
@@ -105,16 +105,16 @@ def variable_pictures(table: pa.Table, method: str, intrinsics: str) -> list[Pic
         )  # fmt: skip
 
     caption = (
-        f"Method {clean(method, 40)} with {clean(intrinsics, 40)} intrinsics, {len(part)} circles: every variable of "
-        "the frames against every error of the better candidate. Line: median; bands: 25 to 75 % and 5 to 95 % of the "
-        "frames with similar values. Dashed: median of the frames' own Cramer-Rao bounds, the lower limit of the RMS "
-        "of any unbiased method. Camera frame; reprojection and ellipse centre in the delivered image; D: marker "
+        f"Method {clean(method, 40)} with {clean(intrinsics, 40)} intrinsics, {part.num_rows} circles: every variable "
+        "of the frames against every error of the better candidate. Line: median; bands: 25 to 75 % and 5 to 95 % of "
+        "the frames with similar values. Dashed: median of the frames' own Cramer-Rao bounds, the lower limit of the "
+        "RMS of any unbiased method. Camera frame; reprojection and ellipse centre in the delivered image; D: marker "
         "diameters. Variables that were not varied are left out."
     )
     return [Picture("matrix", caption, draw_svg("matrix", "Errors by variable", size, draw, layout=None))]
 
 
-def _varied(part: pa.Table, degree: Degree) -> Array | None:
+def _varied(part: Rows, degree: Degree) -> Array | None:
     """Values of a degree of freedom; None if it has none or was not varied."""
     if degree.column not in part.column_names:
         return None
@@ -152,7 +152,7 @@ def _bins(values: Array) -> list[NDArray[np.int64]]:
     return bins
 
 
-def _panel(axes: Axes, values: Array, part: pa.Table, error: Metric, bins: list[NDArray[np.int64]]) -> None:
+def _panel(axes: Axes, values: Array, part: Rows, error: Metric, bins: list[NDArray[np.int64]]) -> None:
     wrong = error.values(part)
     found = [rows[np.isfinite(wrong[rows])] for rows in bins]
     found = [rows for rows in found if len(rows) >= _MIN_IN_BIN]

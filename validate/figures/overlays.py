@@ -17,8 +17,9 @@ from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import DataError
 from roundel.solver.detect.chessboard_corners import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
+from roundel.validate.metrics.rows import flag_column, in_memory
 from roundel.validate.scores.scores import Scores
-from roundel.validate.scores.summary import CHESSBOARD, number
+from roundel.validate.scores.summary import CHESSBOARD, number, run_keys, run_rows
 from roundel.validate.tables.table import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
@@ -43,32 +44,24 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
     Each method shows the frames of its most accurate intrinsics, because a wrong focal length affects all frames alike.
     """
     found: list[Overlay] = []
-    table = scores.table
-    truth = table.filter(pc.equal(table["reference"], "truth")).group_by(["method", "intrinsics"]).aggregate([])
-    known = list(zip(truth["method"].to_pylist(), truth["intrinsics"].to_pylist(), strict=True))
+    known = [(method, label) for method, label, reference in run_keys(scores.table) if reference == "truth"]
     methods = sorted({method for method, _ in known} - {CHESSBOARD})
     # Many methods share the space of the page.
     errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
     for method in methods[: _MAX_OVERLAYS // 2]:
         labels = (label for m, label in known if m == method)
         label = min(labels, key=lambda x: (not IntrinsicsLabel.of(x).is_right, IntrinsicsLabel.of(x).rank))
-        rows = _rows(table, method, label)
+        rows = run_rows(scores.table, (method, label, "truth"))
         order = [("oracle_normal_error_deg", "descending"), ("frame_id", "ascending"), ("marker_id", "ascending")]
         posed = rows.filter(rows["oracle_normal_error_deg"].is_valid())
-        ranked = posed.take(pc.sort_indices(posed, sort_keys=order)[:errors]).to_pylist()
-        lost = rows.filter(pc.invert(rows["solved"]))
+        keys = pa.table({name: posed[name] for name, _ in order})
+        ranked = in_memory(posed, pc.sort_indices(keys, sort_keys=order)[:errors]).to_pylist()
+        lost = np.flatnonzero(~flag_column(rows, "solved"))
         # Failures from the whole run are more informative than the first few.
-        step = max(1, lost.num_rows // failures)
-        spread = lost.take(pa.array(range(0, lost.num_rows, step)[:failures], pa.int64())).to_pylist()
+        step = max(1, len(lost) // failures)
+        spread = in_memory(rows, pa.array(lost[::step][:failures])).to_pylist()
         found.extend(_overlay(dataset, scores, row) for row in (*ranked, *spread))
     return found
-
-
-def _rows(table: pa.Table, method: str, intrinsics: str) -> pa.Table:
-    wanted = {"method": method, "intrinsics": intrinsics, "reference": "truth"}
-    for name, value in wanted.items():
-        table = table.filter(pc.equal(table[name], value))
-    return table
 
 
 def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:

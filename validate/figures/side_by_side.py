@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
+from roundel.validate.metrics.rows import Rows, flag_column
 from roundel.validate.scores.comparisons import shared_rows
-from roundel.validate.scores.summary import CHESSBOARD, select
+from roundel.validate.scores.summary import CHESSBOARD, run_rows
 from roundel.validate.statistics.intervals import holm
 from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
 from roundel.validate.tables.table import NAME_LIMIT, Cell, Column, Table, clean
@@ -44,7 +44,7 @@ class Entry:
     label: str
     kind: str
     run: dict[str, Any]
-    rows: pa.Table
+    rows: Rows
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
     return [table for table in (ratio, lost) if table.rows]
 
 
-def _compared(pair: Pair, a: pa.Table, b: pa.Table, error: Metric) -> list[Any] | None:
+def _compared(pair: Pair, a: Rows, b: Rows, error: Metric) -> list[Any] | None:
     first, second = (error.over_bound(t) for t in (a, b))
     plain = [error.values(t) for t in (a, b)]
     bounded = np.isfinite(plain[0]) & np.isfinite(plain[1])
@@ -165,8 +165,8 @@ def _compared(pair: Pair, a: pa.Table, b: pa.Table, error: Metric) -> list[Any] 
     return [*head, math.exp(test.effect), low, high, 100 * math.expm1(test.detectable), p]
 
 
-def _solved(pair: Pair, a: pa.Table, b: pa.Table) -> list[Any]:
-    one, two = (np.array(t["solved"].to_pylist(), dtype=bool) for t in (a, b))
+def _solved(pair: Pair, a: Rows, b: Rows) -> list[Any]:
+    one, two = (flag_column(rows, "solved") for rows in (a, b))
     only = int(np.sum(one & ~two)), int(np.sum(two & ~one))
     p = min(1.0, 2 * min(mcnemar_test(x, y, alpha=ALPHA).p_value for x, y in ((two, one), (one, two))))
     return [pair.about, pair.first.label, pair.second.label, len(one), *only, p]
@@ -186,14 +186,14 @@ def _plain(rows: Sequence[Sequence[Any]]) -> tuple[tuple[Cell, ...], ...]:
     return tuple(tuple(row) for row in rows)
 
 
-def runs_to_compare(table: pa.Table, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
+def runs_to_compare(table: Rows, runs: Sequence[dict[str, Any]], of: str = "") -> list[Entry]:
     """Runs of one table of scores against the truth; `of` is the report's label if there are several reports."""
     found = []
     for run in runs:
         key = (run["method"], run["intrinsics"], run["reference"])
         if key[0] != CHESSBOARD and key[2] == "truth":
             name = clean(": ".join(filter(None, (of, f"{key[0]}, {key[1]}"))), NAME_LIMIT)
-            found.append(Entry(name, of or key[0], run, table.filter(pa.array(select(table, key)))))
+            found.append(Entry(name, of or key[0], run, run_rows(table, key)))
     return found
 
 

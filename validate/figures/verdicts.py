@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.claims.claim import trend_conditions
@@ -28,6 +27,7 @@ from roundel.validate.figures.verdict_curves import (
     logarithmic,
     panels_of,
 )
+from roundel.validate.metrics.rows import Rows
 from roundel.validate.scores.summary import number
 from roundel.validate.statistics.trends import Estimate, mean_of
 
@@ -40,12 +40,12 @@ _MAX_PANELS = 3
 _FAR_DEG = 5.0
 
 
-def verdict_pictures(table: pa.Table, study: dict[str, Any], verdicts: Sequence[Verdict]) -> list[Picture]:
+def verdict_pictures(table: Rows, study: dict[str, Any], verdicts: Sequence[Verdict]) -> list[Picture]:
     """A picture for each verdict, with the name that the verdict gives.
 
     Parameters
     ----------
-    table : pa.Table
+    table : Rows
         Scores.
     study : dict
         The resolved study.

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from roundel.validate.metrics.metric import column
+from roundel.validate.metrics.rows import column
 from roundel.validate.statistics.intervals import Interval, bootstrap_interval, wilson_interval
 
 Array = NDArray[np.float64]

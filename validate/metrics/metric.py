@@ -6,8 +6,9 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
+
+from roundel.validate.metrics.rows import Rows, column
 
 Array = NDArray[np.float64]
 
@@ -92,33 +93,21 @@ class Metric:
         """The unit as written after a number."""
         return {"deg": "\N{DEGREE SIGN}", "% of distance": " %"}.get(self.unit, f" {self.unit}")
 
-    def values(self, table: pa.Table, which: str = "oracle") -> Array:
+    def values(self, table: Rows, which: str = "oracle") -> Array:
         """(n,) values in `unit`, NaN if missing; `which` is `oracle` or `chosen`."""
         return column(table, self.oracle if which == "oracle" else self.column)
 
-    def bounds(self, table: pa.Table) -> Array:
+    def bounds(self, table: Rows) -> Array:
         """(n,) Cramer-Rao bounds in `unit`; NaN if missing."""
         if not self.bound:
             return np.full(table.num_rows, np.nan)
         bound = self.bound_scale * column(table, self.bound)
         return bound / column(table, self.bound_per) if self.bound_per else bound
 
-    def over_bound(self, table: pa.Table) -> Array:
+    def over_bound(self, table: Rows) -> Array:
         """(n,) values of the better candidate over their bounds; NaN without a positive bound."""
         values, bound = self.values(table), self.bounds(table)
         return np.asarray(np.divide(values, bound, out=np.full(len(values), np.nan), where=bound > 0))
-
-
-def column(table: pa.Table, name: str) -> Array:
-    """A numeric column with NaN for null."""
-    return np.asarray(table[name].to_numpy(zero_copy_only=False), dtype=np.float64)
-
-
-def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
-    """A column of text; equal texts are one object, so that a million rows take little memory."""
-    encoded = table[name].combine_chunks().dictionary_encode()
-    values = np.array([*encoded.dictionary.to_pylist(), None], dtype=object)
-    return np.asarray(values[encoded.indices.fill_null(len(values) - 1).to_numpy(zero_copy_only=False)])
 
 
 _PAPER = "Mariyanayagam et al., Pose estimation of a single circle using default intrinsic calibration, section V"

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from roundel.datasets.layout.files import check_no_dataset
 from roundel.datasets.store.writing import write_file
-from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.figures.side_by_side import (
     ERRORS,
     NO_DIFFERENCE,
@@ -26,7 +26,7 @@ from roundel.validate.figures.side_by_side import (
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary
 from roundel.validate.scores.report_files import SCORES, read_report_files
-from roundel.validate.scores.scores import KEY
+from roundel.validate.scores.scores import KEY, SCORES_SCHEMA
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
 from roundel.validate.tables.table import NAME_LIMIT, Table, clean
@@ -128,9 +128,11 @@ def read_report(folder: Path, label: str) -> Report:
         raise NotComparableError(
             f"{folder}: written by another version of Roundel; validate the dataset again"
         ) from error
-    missing = [name for name in NEEDED if name not in scores.column_names]
-    if missing:
-        raise NotComparableError(f"{folder}: its scores have no column {missing[0]}; validate the dataset again")
+    for name in NEEDED:
+        if name not in scores.column_names:
+            raise NotComparableError(f"{folder}: its scores have no column {name}; validate the dataset again")
+        if scores.schema.field(name).type != SCORES_SCHEMA.field(name).type:
+            raise DataError(f"{folder / SCORES}: the column {name} is not as Roundel writes it; validate it again")
     return Report(label, presentable_summary(summary), scores)
 
 

@@ -7,6 +7,8 @@ readings: What a method reads beside the pose, scored: a focal length measured f
 report_files: summary.json and scores.parquet, read again and held against their checksums
 run_statistics: Statistics of a run: errors with intervals over frames, rates, recall, errors over their bounds
 scores: Scores: one row for every true circle, method, intrinsics and reference, solved or not
-scores_on_disk: Scores of a dataset on disk: they are read where they are used, and memory holds those of one shard
+scores_on_disk: Scores of a dataset on disk: the few of a small dataset are read at once, of a large one a column
+    when it is used
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid
+summary_schema: summary.json as a strict schema, as far as other commands read it
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric
+from roundel.validate.metrics.rows import Rows, circle_keys, shared
 from roundel.validate.scores.run_statistics import BOUNDED
-from roundel.validate.statistics.intervals import LEVEL, MIN_SAMPLES, holm, resampled_sums
+from roundel.validate.statistics.intervals import (
+    LEVEL,
+    MIN_SAMPLES,
+    frame_numbers,
+    holm,
+    resampled_sums,
+    units_of,
+)
 from roundel.validate.statistics.paired_tests import detectable_effect
 
 Array = NDArray[np.float64]
@@ -30,7 +39,7 @@ POWER_NOTE = (
 )
 
 
-def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
+def comparisons(tables: Mapping[Key, Rows], main: Key) -> list[dict[str, Any]]:
     """Compare the main run with every other run that has the same reference.
 
     Parameters
@@ -67,30 +76,23 @@ def comparisons(tables: dict[Key, pa.Table], main: Key) -> list[dict[str, Any]]:
     return out
 
 
-def shared_rows(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
-    """The rows of the shared circles, in the same order."""
-    keys = [list(zip(t["frame_id"].to_pylist(), t["marker_id"].to_pylist(), strict=True)) for t in (a, b)]
-    where = {key: i for i, key in enumerate(keys[1])}
-    pairs = [(i, where[key]) for i, key in enumerate(keys[0]) if key in where]
-    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return a.take(pa.array(rows[:, 0])), b.take(pa.array(rows[:, 1]))
+def shared_rows(a: Rows, b: Rows) -> tuple[Rows, Rows]:
+    """The rows of the shared circles, in the order of frames and markers."""
+    i, j = shared(circle_keys(a), circle_keys(b))
+    return a.take(pa.array(i)), b.take(pa.array(j))
 
 
-def _by_frame(values: Array, frame: Labels) -> Array:
-    return np.asarray(np.bincount(np.unique(frame, return_inverse=True)[1], values))
-
-
-def _compared(ours: pa.Table, theirs: pa.Table, metric: Metric) -> dict[str, Any] | None:
+def _compared(ours: Rows, theirs: Rows, metric: Metric) -> dict[str, Any] | None:
     a, b = metric.values(ours), metric.values(theirs)
     both = np.isfinite(a) & np.isfinite(b)
     if not both.any():
         return None
-    frame = ours["frame_id"].to_numpy()[both]
-    powers = np.stack([_by_frame(v[both] ** 2, frame) for v in (a, b)], axis=1)
+    frame = frame_numbers(ours["frame_id"].to_numpy()[both])
+    powers = np.stack([np.bincount(units_of(frame), v[both] ** 2) for v in (a, b)], axis=1).astype(np.float64)
     rms = np.sqrt(powers.sum(axis=0) / int(both.sum()))
     facts: dict[str, Any] = {
         "n": int(both.sum()),
-        "frames": len(powers),
+        "frames": int(frame.max()) + 1,
         "main_rms": float(rms[0]),
         "other_rms": float(rms[1]),
         "same": bool(np.array_equal(a[both], b[both])),
@@ -111,7 +113,7 @@ def _compared(ours: pa.Table, theirs: pa.Table, metric: Metric) -> dict[str, Any
     return {**facts, "low": low, "high": high, "p_value": float(f"{p:.6g}")}
 
 
-def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
+def power_of(tables: Mapping[Key, Rows]) -> list[dict[str, Any]]:
     """The change of each run's main errors that these frames can detect (see `POWER_NOTE` for the assumptions).
 
     Returns
@@ -146,7 +148,8 @@ def power_of(tables: dict[Key, pa.Table]) -> list[dict[str, Any]]:
 
 
 def _detectable(values: Array, frame: Labels) -> dict[str, Any]:
-    power, count = _by_frame(values**2, frame), _by_frame(np.ones(len(values)), frame)
+    number = frame_numbers(frame)
+    power, count = np.bincount(number, values**2), np.bincount(number)
     frames, total = len(power), float(power.sum())
     if frames < MIN_SAMPLES["rms"] or total == 0:
         return {"frames": frames, "change": None}

@@ -9,10 +9,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from roundel.datasets.layout.schema import checked
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import KEY, record_of_document
 from roundel.datasets.store.writing import sha256
 from roundel.scenes.errors import DataError, UsageError, first_line
+from roundel.validate.scores.summary import SCHEMA
+from roundel.validate.scores.summary_schema import SummaryRecord
 
 SCORES, SUMMARY = "scores.parquet", "summary.json"
 
@@ -37,6 +40,8 @@ def read_report_files(path: str | Path) -> tuple[dict[str, Any], pa.Table]:
     checksums = facts.get("checksums")
     if not isinstance(checksums, dict) or checksums.get(SCORES) != sha256(data):
         raise DataError(f"{path}: {SCORES} is not the file that {SUMMARY} was made from; {remedy}")
+    if facts.get("schema") == SCHEMA:
+        checked(SummaryRecord, facts, f"{folder.place(SUMMARY)}")
     try:
         return facts, pq.ParquetFile(pa.BufferReader(data)).read(use_threads=False)
     except (OSError, ValueError, pa.ArrowException) as error:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.validate.metrics.metric import (
@@ -20,15 +21,17 @@ from roundel.validate.metrics.metric import (
     POSITION,
     POSITION_M,
     Metric,
-    column,
 )
+from roundel.validate.metrics.rows import Rows, column, flag_column
 from roundel.validate.statistics.intervals import (
     LEVEL,
     MIN_SAMPLES,
     Interval,
     bootstrap_intervals,
+    frame_numbers,
     rate_interval,
     resampled_sums,
+    units_of,
 )
 
 Array = NDArray[np.float64]
@@ -80,31 +83,41 @@ def statistics(values: Array, frame: Labels | None = None) -> Statistics:
     >>> statistics(np.array([1.0, float("nan"), 3.0]))["mean"]
     2.0
     """
-    return statistics_of({"": values}, frame)[""]
+    return statistics_of([("", values)], frame)[""]
 
 
-def statistics_of(columns: dict[str, Array], frame: Labels | None = None) -> dict[str, Statistics]:
-    """`statistics` of several columns of the same rows."""
+def statistics_of(columns: Iterable[tuple[str, Array]], frame: Labels | None = None) -> dict[str, Statistics]:
+    """`statistics` of several columns of the same rows, by name; they are used one after another and not kept."""
     out: dict[str, Statistics] = {}
-    for name, values in columns.items():
-        known = values[np.isfinite(values)]
-        some = len(known) > 0
-        out[name] = {
-            "n": len(known),
-            "mean": float(known.mean()) if some else None,
-            "median": float(np.median(known)) if some else None,
-            "p95": float(np.percentile(np.abs(known), 95)) if some else None,
-            "rms": float(np.sqrt((known**2).mean())) if some else None,
-        }
-    if frame is not None and columns:
-        found = bootstrap_intervals(np.stack(list(columns.values()), axis=1), clusters=frame)
-        for name, intervals in zip(columns, found, strict=True):
-            out[name]["interval"] = {"level": LEVEL, "frames": intervals["median"].n}
-            for statistic in MIN_SAMPLES:
-                low, high = _ends(intervals[statistic])
-                out[name] |= {f"{statistic}_low": low, f"{statistic}_high": high}
-                out[name]["interval"][statistic] = intervals[statistic].method
+
+    def described() -> Iterator[Array]:
+        for name, values in columns:
+            out[name] = _described(values)
+            yield values
+
+    if frame is None:
+        for _ in described():
+            pass
+        return out
+    for name, intervals in zip(out, bootstrap_intervals(described(), clusters=frame), strict=True):
+        out[name]["interval"] = {"level": LEVEL, "frames": intervals["median"].n}
+        for statistic in MIN_SAMPLES:
+            low, high = _ends(intervals[statistic])
+            out[name] |= {f"{statistic}_low": low, f"{statistic}_high": high}
+            out[name]["interval"][statistic] = intervals[statistic].method
     return out
+
+
+def _described(values: Array) -> Statistics:
+    known = values[np.isfinite(values)]
+    some = len(known) > 0
+    return {
+        "n": len(known),
+        "mean": float(known.mean()) if some else None,
+        "median": float(np.median(known)) if some else None,
+        "p95": float(np.percentile(np.abs(known), 95)) if some else None,
+        "rms": float(np.sqrt((known**2).mean())) if some else None,
+    }
 
 
 def _ends(interval: Interval) -> tuple[float | None, float | None]:
@@ -120,12 +133,12 @@ def rate(success: NDArray[np.bool_], frame: Labels) -> dict[str, Any]:
     return {"rate": found.value, "low": low, "high": high, "n": len(success), "frames": found.n}
 
 
-def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
+def run_statistics(part: Rows, width_px: Array) -> dict[str, Any]:
     """All numbers of one run.
 
     Parameters
     ----------
-    part : pyarrow.Table
+    part : Rows
         Its rows of scores.parquet.
     width_px : (n,) array
         Width of each row's image, for BOP's thresholds.
@@ -136,27 +149,16 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
         Plain values.
     """
     frame = part["frame_id"].to_numpy()
-    solved = np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
-    correct = np.array(
-        [np.nan if b is None else float(b) for b in part["branch_correct"].to_pylist()], dtype=np.float64
-    )
+    solved = flag_column(part, "solved")
+    correct = column(part, "branch_correct")
     decided = np.isfinite(correct)
-    read = part["identity_correct"].to_pylist()
-    ratios = {metric.name: metric.over_bound(part) for metric in BOUNDED}
-    names = {
-        **{("oracle", name): column(part, f"oracle_{name}") for name in POSE_METRICS},
-        **{("chosen", name): column(part, name) for name in POSE_METRICS},
-        **{("ellipse", name): column(part, name) for name in ELLIPSE_METRICS},
-        **{("image", name): column(part, name) for name in IMAGE_METRICS},
-        **{("efficiency", name): value for name, value in ratios.items()},
-    }
-    found = statistics_of({f"{a} {b}": value for (a, b), value in names.items()}, frame)
     kinds: dict[str, dict[str, Statistics]] = {"oracle": {}, "chosen": {}, "ellipse": {}, "image": {}, "efficiency": {}}
-    for a, b in names:
-        kinds[a][b] = found[f"{a} {b}"]
+    for name, found in statistics_of(_errors(part), frame).items():
+        kind, _, metric = name.partition(" ")
+        kinds[kind][metric] = found
     return {
         "n": part.num_rows,
-        "detected": int(np.sum(part["detected"].to_numpy(zero_copy_only=False))),
+        "detected": int(np.sum(flag_column(part, "detected"))),
         "solved": int(solved.sum()),
         "solved_rate": float(solved.mean()) if len(solved) else None,
         "solved_interval": rate(solved, frame),
@@ -164,19 +166,30 @@ def run_statistics(part: pa.Table, width_px: Array) -> dict[str, Any]:
         "branch_correct": int(np.nansum(correct)),
         "branch_interval": rate(correct[decided] > 0, frame[decided]),
         **kinds,
-        "identities_read": read.count(True) + read.count(False),
-        "identities_correct": read.count(True),
+        "identities_read": int(pc.count(part["identity_correct"]).as_py()),
+        "identities_correct": int(pc.sum(part["identity_correct"]).as_py() or 0),
         "recall": recalls(part, width_px),
     }
 
 
-def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
+def _errors(part: Rows) -> Iterator[tuple[str, Array]]:
+    """Every column of errors, with the kind of its statistics before its name."""
+    for name in POSE_METRICS:
+        yield f"oracle {name}", column(part, f"oracle_{name}")
+    for kind, names in {"chosen": POSE_METRICS, "ellipse": ELLIPSE_METRICS, "image": IMAGE_METRICS}.items():
+        for name in names:
+            yield f"{kind} {name}", column(part, name)
+    for metric in BOUNDED:
+        yield f"efficiency {metric.name}", metric.over_bound(part)
+
+
+def recalls(part: Rows, width_px: Array) -> dict[str, Any]:
     """Recall at thresholds, by the better candidate and by the chosen one.
 
     A circle that was not found, or without a chosen candidate, is a miss. Only circles that were found but have no
     reference are left out. `chosen` is None if a run never chooses.
     """
-    judged = ~np.asarray(part["solved"].to_numpy(zero_copy_only=False), dtype=bool)
+    judged = ~flag_column(part, "solved")
     judged |= np.isfinite(NORMAL.values(part))
     chooses = bool(np.isfinite(NORMAL.values(part, "chosen")).any())
     frame = part["frame_id"].to_numpy()[judged]
@@ -192,14 +205,11 @@ def recalls(part: pa.Table, width_px: Array) -> dict[str, Any]:
             name = family.metric.name
             error = (family.metric.values(part, kind) * scale.get(name, 1.0))[judged]
             # NaN is never below a threshold.
-            hits = error[:, None] < np.array(family.thresholds)
-            means[name] = hits.mean(axis=1)
+            means[name] = sum((error < t for t in family.thresholds), np.zeros(len(error))) / len(family.thresholds)
             families[name] = {
                 "title": family.metric.title,
                 "unit": family.unit,
-                "levels": [
-                    {"threshold": t, **rate(hit, frame)} for t, hit in zip(family.thresholds, hits.T, strict=True)
-                ],
+                "levels": [{"threshold": t, **rate(error < t, frame)} for t in family.thresholds],
                 "average": _average(means[name], frame),
             }
         # BOP averages three errors; the first, VSD, needs depth images.
@@ -211,10 +221,10 @@ def _average(share: Array, frame: Labels) -> dict[str, Any]:
     """Mean of a share over circles, with the bootstrap's percentiles over frames."""
     if not len(share):
         return {"value": None, "low": None, "high": None, "n": 0}
-    label = np.unique(frame, return_inverse=True)[1]
-    value, count = float(share.mean()), np.bincount(label)
+    unit = units_of(frame_numbers(frame))
+    value, count = float(share.mean()), np.bincount(unit)
     if len(count) < MIN_SAMPLES["rms"]:
         return {"value": value, "low": None, "high": None, "n": len(share)}
-    sums = resampled_sums(np.stack([np.bincount(label, share), count], axis=1))
+    sums = resampled_sums(np.stack([np.bincount(unit, share), count], axis=1))
     low, high = np.quantile(sums[:, 0] / sums[:, 1], [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return {"value": value, "low": float(f"{low:.9g}"), "high": float(f"{high:.9g}"), "n": len(share)}

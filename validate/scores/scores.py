@@ -25,6 +25,7 @@ from roundel.validate.metrics.pose_errors import (
     position_errors,
     reprojection_error_px,
 )
+from roundel.validate.metrics.rows import Rows
 from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
 from roundel.validate.scores.assignment import groups_of, match
 from roundel.validate.scores.candidates import Candidates, candidates_take, matched_candidates
@@ -85,7 +86,7 @@ class Scores:
     `matched(frame_id)` has every expected circle and its candidates, row by row, at least of that frame.
     """
 
-    table: pa.Table
+    table: Rows
     false_detections: list[FalseDetections] = field(default_factory=list)
     matched: Callable[[int], Matched] = field(default=lambda frame_id: {})
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
@@ -22,9 +24,8 @@ from roundel.validate.metrics.metric import (
     POSITION,
     POSITION_D,
     REPROJECTION,
-    column,
-    text_column,
 )
+from roundel.validate.metrics.rows import Mask, Rows, column, distinct, flag_column, those, where_text
 from roundel.validate.metrics.sweeps import sweep_keys
 from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
 from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
@@ -37,6 +38,9 @@ SCHEMA = 1
 
 # A study has a grid if few values recur often; with more values than this they count as random.
 _MAX_LEVELS = 60
+
+# The columns that name a run.
+RUN = ("method", "intrinsics", "reference")
 
 # The method name of the chessboard's own pose (`validate.calibration.chessboard_reference`).
 CHESSBOARD = "chessboard_pnp"
@@ -97,19 +101,16 @@ def summary_record(summary: Summary) -> dict[str, Any]:
     return {"schema": summary.schema, **{f.name: getattr(summary, f.name) for f in fields(summary)}}
 
 
-def run_keys(table: pa.Table) -> list[tuple[str, str, str]]:
+def run_keys(table: Rows) -> list[tuple[str, str, str]]:
     """(method, intrinsics, reference) of a table of scores, in display order."""
-    names = ["method", "intrinsics", "reference"]
-    known = table.group_by(names).aggregate([])
-    found = set(zip(*(known[name].to_pylist() for name in names), strict=True))
+    found = [(m, i, r) for m, i, r in distinct(table, RUN)]
     # The truth first; the chessboard's own pose last.
     return sorted(found, key=lambda k: (k[0] == CHESSBOARD, k[2] != "truth", k[0], IntrinsicsLabel.of(k[1]).rank))
 
 
-def select(table: pa.Table, key: tuple[str, str, str]) -> NDArray[np.bool_]:
+def run_rows(table: Rows, key: tuple[str, str, str]) -> Rows:
     """Rows of one run."""
-    names = ("method", "intrinsics", "reference")
-    return np.asarray(np.all([text_column(table, n) == v for n, v in zip(names, key, strict=True)], axis=0))
+    return those(table, where_text(table, **dict(zip(RUN, key, strict=True))))
 
 
 def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
@@ -134,41 +135,49 @@ def levels(values: Array) -> Array | None:
     return distinct if grid else None
 
 
-def grid_of(table: pa.Table, rows: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+def grid_of(rows: Rows) -> tuple[Array, Array] | None:
     """(distances in D, tilts in degrees) if these rows form a grid."""
+    if not _few_values(rows):
+        return None
     # Each circle once, because several intrinsics of one random value are not a grid.
-    _, first = np.unique(
-        np.stack([column(table, n)[rows] for n in ("frame_id", "marker_id")]), axis=1, return_index=True
-    )
-    distance, tilt = (levels(column(table, name)[rows][first]) for name in ("distance_D", "tilt_deg"))
+    _, first = np.unique(np.stack([column(rows, n) for n in ("frame_id", "marker_id")]), axis=1, return_index=True)
+    distance, tilt = (levels(column(rows, name)[first]) for name in ("distance_D", "tilt_deg"))
     return None if distance is None or tilt is None else (distance, tilt)
 
 
-def _cells(table: pa.Table, key: tuple[str, str, str], group: str, rows: NDArray[np.bool_]) -> list[dict[str, Any]]:
-    grid = grid_of(table, rows)
+def _few_values(rows: Rows) -> bool:
+    """Whether there may be a grid: a cheap answer for the many rows of a random study."""
+    return all(len(np.unique(np.round(column(rows, n), 6))) <= _MAX_LEVELS + 1 for n in ("distance_D", "tilt_deg"))
+
+
+def _cells(rows: Rows, label: dict[str, str], group: str) -> list[dict[str, Any]]:
+    grid = grid_of(rows)
     if grid is None:
         return []
-    distance, tilt = np.round(column(table, "distance_D"), 6), np.round(column(table, "tilt_deg"), 6)
-    solved = np.array(table["solved"].to_pylist(), dtype=bool)
-    frame, cells = table["frame_id"].to_numpy(), []
+    distance, tilt = np.round(column(rows, "distance_D"), 6), np.round(column(rows, "tilt_deg"), 6)
+    solved = flag_column(rows, "solved")
+    frame, cells = rows["frame_id"].to_numpy(), []
     for t in grid[1].tolist():
         for d in grid[0].tolist():
-            here = rows & (distance == d) & (tilt == t)
+            here = (distance == d) & (tilt == t)
             if here.any():
                 cells.append(
                     {
-                        "method": key[0],
-                        "intrinsics": key[1],
-                        "reference": key[2],
+                        **label,
                         "group": group,
                         "distance_D": d,
                         "tilt_deg": t,
                         "n": int(here.sum()),
                         "solved": int((here & solved).sum()),
-                        "oracle": statistics_of({m.column: m.values(table)[here] for m in CELL_METRICS}, frame[here]),
+                        "oracle": statistics_of(_errors(rows, here), frame[here]),
                     }
                 )
     return cells
+
+
+def _errors(rows: Rows, here: Mask) -> Iterator[tuple[str, Array]]:
+    for metric in CELL_METRICS:
+        yield metric.column, metric.values(rows)[here]
 
 
 def summarise(
@@ -192,25 +201,20 @@ def summarise(
     Summary
         Deterministic for the same input.
     """
-    table = scores.table
-    group = text_column(table, "group")
-    width = image_widths(dataset, table)
-    tables: dict[tuple[str, str, str], pa.Table] = {}
+    width = image_widths(dataset)
+    tables: dict[tuple[str, str, str], Rows] = {}
     runs, by_group, cells, failures = [], [], [], []
-    for key in run_keys(table):
-        rows = select(table, key)
-        label = dict(zip(("method", "intrinsics", "reference"), key, strict=True))
-        tables[key] = table.filter(pa.array(rows))
-        runs.append({**label, **run_statistics(tables[key], width[rows]), **_false(scores, key)})
-        names = list(dict.fromkeys(group[rows].tolist()))
+    for key in run_keys(scores.table):
+        mine = tables[key] = run_rows(scores.table, key)
+        label = dict(zip(RUN, key, strict=True))
+        runs.append({**label, **run_statistics(mine, width(mine)), **_false(scores, key)})
+        names = mine["group"].unique().to_pylist()
         for name in names:
+            part = mine if len(names) == 1 else those(mine, where_text(mine, group=name))
             if len(names) > 1:
-                here = rows & (group == name)
-                by_group.append({**label, "group": name, **run_statistics(table.filter(pa.array(here)), width[here])})
-            cells.extend(_cells(table, key, name, rows & (group == name)))
-        missed = table.filter(pa.array(rows & (text_column(table, "reason") != "")))
-        for reason, count in sorted(Counter(map(_kind_of_reason, missed["reason"].to_pylist())).items()):
-            failures.append({**label, "reason": reason, "count": count})
+                by_group.append({**label, "group": name, **run_statistics(part, width(part))})
+            cells.extend(_cells(part, label, name))
+        failures += [{**label, "reason": why, "count": count} for why, count in _failures(mine)]
     manifest = dataset.manifest
     main = main_key(list(tables), (dataset.study.get("solve") or {}).get("methods") or [])
     return Summary(
@@ -238,11 +242,22 @@ def summarise(
     )
 
 
-def image_widths(dataset: Dataset, table: pa.Table) -> Array:
-    """Width of each row's image, px."""
+def image_widths(dataset: Dataset) -> Callable[[Rows], Array]:
+    """A function that gives the width of each row's image, px."""
     width = np.fromiter((r["width_px"] for r in dataset.images.records), dtype=np.float64, count=len(dataset.images))
+    if np.ptp(width) == 0.0:
+        return lambda rows: np.full(rows.num_rows, width[0])
     ids = np.array(dataset.images.frame_ids)
-    return np.asarray(width[np.searchsorted(ids, table["frame_id"].to_numpy())])
+    return lambda rows: np.asarray(width[np.searchsorted(ids, rows["frame_id"].to_numpy())])
+
+
+def _failures(rows: Rows) -> list[tuple[str, int]]:
+    """Why circles were not solved, with the number of each kind of reason."""
+    kinds: Counter[str] = Counter()
+    for entry in pc.value_counts(rows["reason"]).to_pylist():
+        if entry["values"]:
+            kinds[_kind_of_reason(entry["values"])] += entry["counts"]
+    return sorted(kinds.items())
 
 
 _FIDELITY = {"shift_x_px", "shift_y_px", "scale_px", "residual", "monte_carlo", "z_rms", "z_passed", "z_consistent"}

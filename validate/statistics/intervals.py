@@ -1,15 +1,18 @@
 """Confidence intervals: bootstrap over frames, Wilson for rates; Holm's correction for families.
 
 Frames are the independent samples: circles of a frame share camera, light and noise, so a frame with several circles is
-resampled as a unit.
+resampled as a unit. Beyond `MOST_UNITS` frames, random groups of frames are the units, so that time and memory of
+resampling have a limit.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +27,7 @@ MIN_SAMPLES = {"median": 10, "rms": 20, "p95": 60}
 _Q = {"median": 0.5, "p95": 0.95}
 _RESAMPLES = 1999
 _AT_ONCE = 2_000_000  # values in one block of resamples
+MOST_UNITS = 20_000
 
 
 @dataclass(frozen=True)
@@ -74,52 +78,104 @@ def bootstrap_interval(
     statistics of independent frames need no resampling: their rank in the sample has a known (beta) distribution.
     """
     x = np.asarray(values, dtype=np.float64)
-    return bootstrap_intervals(x[:, None], (statistic,), clusters=clusters, level=level, seed=seed)[0][statistic]
+    return bootstrap_intervals([x], (statistic,), clusters=clusters, level=level, seed=seed)[0][statistic]
 
 
 def bootstrap_intervals(
-    columns: ArrayLike,
+    columns: Iterable[ArrayLike],
     statistics: Sequence[str] = tuple(MIN_SAMPLES),
     *,
     clusters: ArrayLike | None = None,
     level: float = LEVEL,
     seed: int = 0,
 ) -> list[dict[str, Interval]]:
-    """`bootstrap_interval` of every statistic of every column (n, m); columns with the same gaps share their draws."""
-    table = np.asarray(columns, dtype=np.float64)
-    label = np.arange(len(table)) if clusters is None else np.asarray(clusters)
-    out: list[dict[str, Interval]] = [{} for _ in range(table.shape[1])]
-    alike: dict[bytes, list[int]] = {}
-    for i, known in enumerate(np.isfinite(table).T):
-        alike.setdefault(known.tobytes(), []).append(i)
-    for group in alike.values():
-        known = np.isfinite(table[:, group[0]])
-        frame = np.unique(label[known], return_inverse=True)[1].astype(np.int64)
-        values = table[known][:, group]
+    """`bootstrap_interval` of every statistic of every column (n,).
+
+    Columns are used one after another and not kept. Those with the same gaps share their draws.
+    """
+    out: list[dict[str, Interval]] = []
+    powers: dict[tuple[int, bytes], tuple[list[_Power], Array]] = {}
+    gaps, frame = b"", np.zeros(0, dtype=np.int64)
+    for i, values in enumerate(columns):
+        x = np.asarray(values, dtype=np.float64)
+        known = np.isfinite(x)
+        digest = hashlib.sha256(known.tobytes()).digest()
+        if digest != gaps or i == 0:
+            label = np.arange(len(x)) if clusters is None else np.asarray(clusters)
+            gaps, frame = digest, frame_numbers(label[known])
+        x = x[known]
+        frames = int(frame.max()) + 1 if len(x) else 0
+        found: dict[str, Interval] = {}
         for statistic in statistics:
-            found = _intervals(values, frame, statistic, level, seed)
-            for i, interval in zip(group, found, strict=True):
-                out[i][statistic] = interval
+            value = _statistic(x, statistic)
+            if value is None:
+                found[statistic] = Interval(None, None, None, 0, "no samples")
+            elif frames < MIN_SAMPLES[statistic]:
+                found[statistic] = Interval(value, None, None, frames, f"fewer than {MIN_SAMPLES[statistic]} frames")
+            elif np.ptp(np.abs(x) if statistic == "p95" else x) == 0.0:
+                found[statistic] = Interval(value, value, value, frames, "percentile")
+            elif statistic == "rms":
+                found[statistic] = Interval(value, None, None, frames, "")
+                unit = units_of(frame)
+                count = np.bincount(unit).astype(np.float64)
+                mine = powers.setdefault((frames, digest), ([], count))[0]
+                mine.append(_Power(i, value, np.bincount(unit, x * x).astype(np.float64)))
+            else:
+                ends = _bca(value, *_quantile_draws(x, frame, statistic, seed), level)
+                found[statistic] = Interval(value, ends[0], ends[1], frames, ends[2])
+        out.append(found)
+    for (frames, _), (alike, count) in powers.items():
+        draws = _rms_draws(np.stack([p.power for p in alike], axis=1), count, seed)
+        for p, (drawn, left_out) in zip(alike, draws, strict=True):
+            ends = _bca(p.value, drawn, left_out, level)
+            out[p.column]["rms"] = Interval(p.value, ends[0], ends[1], frames, ends[2])
     return out
 
 
-def _intervals(values: Array, frame: Labels, statistic: str, level: float, seed: int) -> list[Interval]:
-    """Intervals of finite columns (n, m), whose rows belong to frames numbered from 0."""
-    if not len(values):
-        return [Interval(None, None, None, 0, "no samples")] * values.shape[1]
-    sized = np.abs(values) if statistic == "p95" else values
-    known = np.sqrt(np.mean(values**2, axis=0)) if statistic == "rms" else np.quantile(sized, _Q[statistic], axis=0)
-    frames = int(frame.max()) + 1
-    if frames < MIN_SAMPLES[statistic]:
-        return [
-            Interval(float(value), None, None, frames, f"fewer than {MIN_SAMPLES[statistic]} frames") for value in known
-        ]
-    draws = _rms_draws(sized, frame, seed) if statistic == "rms" else _quantile_draws(sized, frame, statistic, seed)
-    out = []
-    for value, x, (drawn, left_out) in zip(known.tolist(), sized.T, draws, strict=True):
-        ends = (value, value, "percentile") if np.ptp(x) == 0.0 else _bca(value, drawn, left_out, level)
-        out.append(Interval(value, ends[0], ends[1], frames, ends[2]))
-    return out
+@dataclass(frozen=True)
+class _Power:
+    """The sums of squares of a column's units."""
+
+    column: int
+    value: float
+    power: Array
+
+
+def _statistic(x: Array, statistic: str) -> float | None:
+    if not len(x):
+        return None
+    if statistic == "rms":
+        return float(np.sqrt(np.mean(x**2)))
+    return float(np.quantile(np.abs(x) if statistic == "p95" else x, _Q[statistic]))
+
+
+def frame_numbers(frame: NDArray[Any]) -> Labels:
+    """Frames numbered from 0 in their order."""
+    return np.unique(frame, return_inverse=True)[1].astype(np.int64)
+
+
+def units_of(frame: Labels) -> Labels:
+    """The unit of each value that a bootstrap draws: its frame, or a random group of frames.
+
+    Parameters
+    ----------
+    frame : (n,) int array
+        Numbered from 0.
+
+    Returns
+    -------
+    (n,) int array
+        Numbered from 0; at most `MOST_UNITS`.
+
+    Notes
+    -----
+    Groups of independent frames are independent, so the same bootstrap holds; groups are random because neighbours in
+    a study may be alike.
+    """
+    frames = int(frame.max()) + 1 if len(frame) else 0
+    if frames <= MOST_UNITS:
+        return frame
+    return np.random.default_rng(0).permutation(frames)[frame] % MOST_UNITS
 
 
 def _bca(value: float, drawn: Array, left_out: Array, level: float) -> tuple[float, float, str]:
@@ -140,32 +196,28 @@ def _bca(value: float, drawn: Array, left_out: Array, level: float) -> tuple[flo
     return float(low), float(high), method
 
 
-Draws = list[tuple[Array, Array]]
-
-
-def _rms_draws(values: Array, frame: Labels, seed: int) -> Draws:
-    """For each column, the resampled RMS and those with one frame left out."""
-    count = np.bincount(frame).astype(np.float64)
-    power = np.stack([np.bincount(frame, x * x) for x in values.T], axis=1)
+def _rms_draws(power: Array, count: Array, seed: int) -> list[tuple[Array, Array]]:
+    """For each column of sums of squares by unit, the resampled RMS and those with one unit left out."""
     sums = resampled_sums(np.column_stack([power, count]), seed)
     drawn = np.sqrt(sums[:, :-1] / sums[:, -1:])
     rest = np.sqrt(np.maximum(power.sum(axis=0) - power, 0.0) / (count.sum() - count)[:, None])
     return list(zip(drawn.T, rest.T, strict=True))
 
 
-def _quantile_draws(values: Array, frame: Labels, statistic: str, seed: int) -> Draws:
-    q, n, frames, out = _Q[statistic], len(values), int(frame.max()) + 1, []
-    for x in values.T:
-        order = np.argsort(x, kind="stable")
-        ordered, owner = x[order], frame[order]
-        if frames == n:
-            place, part = divmod(q * (n - 1), 1.0)
-            u, v = _order_draws(n, int(place), seed)
-            drawn = (1 - part) * ordered[(u * n).astype(np.int64)] + part * ordered[(v * n).astype(np.int64)]
-        else:
-            drawn = _resampled_quantile(ordered, owner, q, seed)
-        out.append((drawn, _left_out_quantile(ordered, owner, q)))
-    return out
+def _quantile_draws(x: Array, frame: Labels, statistic: str, seed: int) -> tuple[Array, Array]:
+    """The resampled quantile, and those with one unit left out."""
+    q, n, frames = _Q[statistic], len(x), int(frame.max()) + 1
+    if statistic == "p95":
+        x = np.abs(x)
+    if frames == n:
+        ordered = np.sort(x)
+        place, part = divmod(q * (n - 1), 1.0)
+        u, v = _order_draws(n, int(place), seed)
+        drawn = (1 - part) * ordered[(u * n).astype(np.int64)] + part * ordered[(v * n).astype(np.int64)]
+        return drawn, _left_out_one(ordered, q)
+    order = np.argsort(x, kind="stable")
+    ordered, owner = x[order], units_of(frame)[order]
+    return _resampled_quantile(ordered, owner, q, seed), _left_out_quantile(ordered, owner, q)
 
 
 @lru_cache(maxsize=32)
@@ -197,6 +249,18 @@ def _resampled_quantile(ordered: Array, owner: Labels, q: float, seed: int) -> A
         a, b = (near[np.minimum(np.sum(total <= k[:, None], axis=1), len(near) - 1)] for k in (low, np.ceil(place)))
         out.append(a + (place - low) * (b - a))
     return np.concatenate(out)
+
+
+def _left_out_one(ordered: Array, q: float) -> Array:
+    """The quantile with each value left out in turn."""
+    n = len(ordered)
+    place = q * (n - 2)
+    ends = []
+    for at in (math.floor(place), math.ceil(place)):
+        rest = np.full(n, ordered[at])
+        rest[: at + 1] = ordered[at + 1]
+        ends.append(rest)
+    return np.asarray(ends[0] + (place - math.floor(place)) * (ends[1] - ends[0]))
 
 
 def _left_out_quantile(ordered: Array, owner: Labels, q: float) -> Array:
@@ -240,6 +304,13 @@ def _weights(n: int, seed: int) -> Iterator[Array]:
     step = max(1, _AT_ONCE // n)
     for start in range(0, len(counts), step):
         yield counts[start : start + step].astype(np.float64)
+
+
+def draws(n: int, resamples: int, seed: int = 0) -> Iterator[Labels]:
+    """Numbers (some, n) of values drawn with replacement, a block of resamples after another."""
+    generator, step = np.random.default_rng(seed), max(1, _AT_ONCE // max(n, 1))
+    for start in range(0, resamples, step):
+        yield generator.integers(0, n, size=(min(step, resamples - start), n))
 
 
 def resampled_sums(values: Array, seed: int = 0) -> Array:

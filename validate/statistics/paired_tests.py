@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from roundel.validate.statistics.intervals import units_of
+
 Array = NDArray[np.float64]
 
 _RESAMPLES = 2000
@@ -150,7 +152,10 @@ def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
 
 
 def _resampled(values: Array, seed: int) -> Array:
-    """Sums (resamples, columns) of rows (n, columns) drawn with replacement."""
+    """Sums (resamples, columns) of rows (n, columns) drawn with replacement, of very many in random groups."""
+    unit = units_of(np.arange(len(values)))
+    if len(np.unique(unit)) < len(values):
+        values = np.stack([np.bincount(unit, column) for column in values.T], axis=1)
     n = len(values)
     if n <= _KEPT:
         return np.asarray(_draws(n, _RESAMPLES, seed) @ values)

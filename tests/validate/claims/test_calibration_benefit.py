@@ -22,7 +22,7 @@ from roundel.validate.claims.calibration_benefit import (
     verdict_of,
 )
 from roundel.validate.claims.calibration_benefit_text import answer, benefit_record, title_of, where
-from roundel.validate.figures.calibration_benefit import benefit_picture
+from roundel.validate.figures.calibration_benefit import benefit_pictures
 from roundel.validate.statistics.intervals import Interval
 from roundel.validate.tables.calibration_benefit import benefit_table
 
@@ -32,8 +32,15 @@ DISTANCE = np.repeat([10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0], 36)
 TILT = np.tile([15.0, 30.0, 45.0], 84)
 # A third on the axis, the rest evenly from 1 to 17 degrees off it, whatever the distance.
 OFFSET = np.where(FRAMES % 3 == 0, 0.05, 1.0 + 16.0 * ((FRAMES * 0.618) % 1.0))
-OFFSETS = {(int(i), 0): float(o) for i, o in zip(FRAMES, OFFSET, strict=True)}
 NOISE = np.random.default_rng(7).lognormal(-3.0, 0.5, N)
+
+
+def offsets(degrees: np.ndarray) -> pa.Table:
+    """As `off_axis_deg` gives them."""
+    return pa.table({"frame_id": FRAMES, "marker_id": np.zeros(N, dtype=int), "off_axis_deg": degrees})
+
+
+OFFSETS = offsets(OFFSET)
 
 
 def scores(runs: dict[str, dict[str, np.ndarray]], method: str = "ml", reference: str = "truth") -> pa.Table:
@@ -148,7 +155,7 @@ def test_no_question_without_both(labels: tuple[str, ...]) -> None:
     assert calibration_benefit(scores({label: everywhere(1.0) for label in labels}), OFFSETS) is None
     assert (
         calibration_benefit(
-            scores({"calibrated:5": everywhere(1), "default": everywhere(1)}, reference="chessboard"), {}
+            scores({"calibrated:5": everywhere(1), "default": everywhere(1)}, reference="chessboard"), OFFSETS
         )
         is None
     )
@@ -161,11 +168,11 @@ def test_exif_serves_where_nothing_else_is_wrong() -> None:
 def test_studies_that_stay_on_the_axis_or_off_it() -> None:
     table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
     for offset, words in ((0.1, "on the axis"), (9.0, "off the axis")):
-        worth = calibration_benefit(table, dict.fromkeys(OFFSETS, offset))
+        worth = calibration_benefit(table, offsets(np.full(N, offset)))
         assert worth is not None
         assert "for the normal, position and reprojection: everywhere" in answer(worth)[0]
         assert words in answer(worth)[1]
-        assert benefit_picture(worth).svg.startswith("<svg")
+        assert benefit_pictures(worth)[0].svg.startswith("<svg")
 
 
 @pytest.mark.parametrize(
@@ -208,12 +215,19 @@ def test_the_record_and_the_table(mixed: CalibrationBenefit) -> None:
 
 
 def test_the_picture(mixed: CalibrationBenefit) -> None:
-    picture = benefit_picture(mixed)
-    assert picture.svg == benefit_picture(mixed).svg
+    (picture,) = benefit_pictures(mixed)
+    assert picture.svg == benefit_pictures(mixed)[0].svg
     for label in (*mixed.labels, BOARD):
         assert f">{title_of(label)}<" in picture.svg
     # Three errors by distance on and off the axis, tilt off it, and offset.
     assert len(re.findall(r'id="worth-axes_\d+"', picture.svg)) == 12
+
+
+def test_too_few_circles_for_a_curve_are_no_picture() -> None:
+    table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
+    worth = calibration_benefit(table.filter(pa.compute.less(table["frame_id"], 1)), OFFSETS)
+    assert worth is not None
+    assert benefit_pictures(worth) == []
 
 
 def test_the_offset_is_the_angle_of_the_line_of_sight() -> None:
@@ -222,13 +236,13 @@ def test_the_offset_is_the_angle_of_the_line_of_sight() -> None:
         "centre_x_m": [0.0, 0.3], "centre_y_m": [0.0, 0.4], "centre_z_m": [2.0, 0.5],
     })  # fmt: skip
     found = off_axis_deg(truth)
-    assert found[4, 0] == 0.0
-    assert found[5, 0] == pytest.approx(45.0)
+    assert found["frame_id"].to_pylist() == [4, 5]
+    assert found["off_axis_deg"].to_pylist() == pytest.approx([0.0, 45.0])
 
 
 def test_what_is_on_the_axis() -> None:
     # 0.2 degrees off the axis are on it, 0.7 degrees are not.
-    offset = {(int(i), 0): (0.2 if i % 2 else 0.7) for i in FRAMES}
+    offset = offsets(np.where(FRAMES % 2, 0.2, 0.7))
     runs = {"calibrated:5": everywhere(1.0), "default": everywhere(10.0)}
     found = calibration_benefit(scores(runs), offset)
     assert found is not None

@@ -107,6 +107,38 @@ def test_refusals(house: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "has the smaller error" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        ("runs.0.oracle", None),
+        ("runs.0.oracle.normal_error_deg", None),
+        ("runs.0.oracle.normal_error_deg.median", None),
+        ("runs.0.oracle.normal_error_deg.median", "0.1"),
+        ("runs.0.oracle.normal_error_deg.median_low", None),
+        ("runs.0.solved_interval.low", "much"),
+        ("runs.0.n", -1),
+        ("runs.0.method", 7),
+        ("runs.0", [1, 2]),
+        ("runs", {}),
+        ("dataset.dataset_id", 7),
+        ("dataset", None),
+        ("settings.reprojection_extent_D", "3"),
+        ("versions.validate", {}),
+        ("checksums.images", True),
+    ],
+)
+def test_a_summary_altered_on_purpose_is_one_line(house: Path, tmp_path: Path, keys: str, value: Any) -> None:
+    summary = json.loads((house / "bad" / "summary.json").read_text())
+    at: Any = summary
+    *path, last = keys.split(".")
+    for key in path:
+        at = at[int(key) if key.isdigit() else key]
+    at[int(last) if last.isdigit() else last] = value
+    altered = changed(house, tmp_path / "altered", **summary)
+    with pytest.raises(DataError, match=rf"altered/summary\.json: damaged: {path[0] if path else keys}"):
+        compare_reports([house / "good", altered], tmp_path / "out")
+
+
 def test_reports_are_called_by_what_tells_them_apart() -> None:
     paths = [Path(p) for p in ("/x/a/report", "/x/b/report")]
     assert labels_of(paths) == ["a", "b"]

@@ -52,7 +52,7 @@ def test_statistics_with_intervals() -> None:
     assert thrice["median_high"] - thrice["median_low"] == pytest.approx(
         found["median_high"] - found["median_low"], rel=0.1
     )
-    assert statistics_of({}) == {}
+    assert statistics_of([]) == {}
     assert statistics(np.array([np.nan]), np.arange(1))["interval"]["rms"] == "no samples"
 
 

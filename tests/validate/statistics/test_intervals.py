@@ -6,11 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from roundel.validate.statistics import intervals
 from roundel.validate.statistics.intervals import (
     bootstrap_interval,
     bootstrap_intervals,
+    draws,
     holm,
     rate_interval,
+    units_of,
     wilson_interval,
 )
 
@@ -113,7 +116,7 @@ def test_clusters_of_one_are_no_clusters():
     label = np.repeat(np.arange(40), np.arange(40) % 3 + 1)
     y = np.random.default_rng(3).normal(size=len(label)) + 5
     y[label == 7] = np.nan
-    found = bootstrap_intervals(y[:, None], clusters=label)[0]
+    found = bootstrap_intervals([y], clusters=label)[0]
     assert found["median"].n == 39
     assert found["median"].low < found["median"].value < found["median"].high
     assert found["p95"].method == "fewer than 60 frames"
@@ -139,3 +142,32 @@ def test_a_rate_over_frames():
     # Nothing but successes: each frame counts once.
     assert rate_interval([True] * 80, np.repeat(np.arange(40), 2)).low == pytest.approx(wilson_interval(40, 40).low)
     assert rate_interval([], []).value is None
+
+
+def test_draws_do_not_depend_on_their_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = np.random.default_rng(0).integers(0, 501, (77, 501))
+    monkeypatch.setattr(intervals, "_AT_ONCE", 3000)
+    blocks = list(draws(501, 77))
+    assert len(blocks) > 10
+    np.testing.assert_array_equal(np.concatenate(blocks), whole)
+
+
+@given(n=st.integers(2, 60), q=st.sampled_from([0.5, 0.95]))
+def test_one_value_left_out(n: int, q: float) -> None:
+    x = np.sort(np.random.default_rng(n).normal(size=n))
+    expected = [np.quantile(np.delete(x, i), q) for i in range(n)]
+    np.testing.assert_allclose(intervals._left_out_one(x, q), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("statistic", ["median", "p95", "rms"])
+def test_groups_of_very_many_frames_give_the_same_interval(statistic: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Three circles a frame, alike in each: what is independent are 3,000 frames, in 500 groups for speed.
+    frame = np.repeat(np.arange(3000), 3)
+    x = np.repeat(np.random.default_rng(4).normal(size=3000), 3) + 3
+    alone = bootstrap_interval(x, statistic, clusters=frame)
+    monkeypatch.setattr(intervals, "MOST_UNITS", 500)
+    grouped = bootstrap_interval(x, statistic, clusters=frame)
+    assert (grouped.value, grouped.n) == (alone.value, alone.n)
+    # The width has a relative standard error of 1 / sqrt(2 * 500) from the groups and less from the resamples.
+    assert grouped.high - grouped.low == pytest.approx(alone.high - alone.low, rel=4 * (1 / 1000) ** 0.5)
+    assert set(np.bincount(units_of(np.arange(3000)))) == {6}
