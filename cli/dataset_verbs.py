@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from roundel.cli.progress import progress
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from roundel.datasets.store.store import Store
+    from roundel.datasets.verify import Finding
 
 _SHOWN = 20
+
+
+def found_problems(findings: list[Finding], what: str) -> DataError:
+    """Print the first of the findings; the error that they end with."""
+    for finding in findings[:_SHOWN]:
+        print(finding)
+    return DataError(f"{what}; problems found: {len(findings)}")
 
 
 def _warn(line: str) -> None:
@@ -69,25 +78,44 @@ def _there(address: str) -> Store:
 
 def do_verify(arguments: argparse.Namespace) -> int:
     """Compare a dataset with its manifest."""
+    from roundel.datasets.export.output import MANIFEST as EXPORT
     from roundel.datasets.fidelity.summary import fidelity_lines
     from roundel.datasets.layout.contents import read_contents
     from roundel.datasets.layout.manifest import read_manifest
     from roundel.datasets.verify import verify_dataset
 
+    if "://" not in arguments.dataset and (Path(arguments.dataset) / EXPORT).is_file():
+        return verify_export(Path(arguments.dataset), arguments.against)
+    if arguments.against:
+        raise UsageError(f"--against: {arguments.dataset} is no export")
     path = _there(arguments.dataset)
     manifest, _ = read_manifest(path)
     with progress("verify") as show:
         findings = verify_dataset(arguments.dataset, arguments.full, show)
     if findings:
-        for finding in findings[:_SHOWN]:
-            print(finding)
-        raise DataError(f"{path}: the dataset is damaged; problems found: {len(findings)}")
+        raise found_problems(findings, f"{path}: the dataset is damaged")
     if not manifest.get("complete", True):
         _warn(f"{path}: not finished: some frames are missing")
     depth = "all checksums match" if arguments.full else "sizes match; --full compares checksums"
     number = sum(1 for _ in read_contents(path).listed())
     print(f"{path}: {number} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
     print("\n".join(fidelity_lines(manifest.get("fidelity"))))
+    return 0
+
+
+def verify_export(folder: Path, dataset: str | None) -> int:
+    """Hold an export against its checksums, and against its dataset if that is given."""
+    from roundel.datasets.dataset import open_dataset
+    from roundel.datasets.export.check import check_against, check_files, read_export
+
+    record = read_export(folder)
+    findings = check_files(folder, record)
+    if dataset is not None:
+        findings += check_against(folder, record, open_dataset(dataset))
+    if findings:
+        raise found_problems(findings, f"{folder}: the export is damaged")
+    held = "all checksums match" + (f", and every frame is that of {dataset}" if dataset else "")
+    print(f"{folder}: {record['format']}, {record['frames']} frames, {record['files']} files: {held}")
     return 0
 
 

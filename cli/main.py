@@ -13,10 +13,11 @@ from roundel.cli.parser import build_parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from roundel.cli import dataset_verbs, verbs
+    from roundel.cli import dataset_verbs, export_verbs, verbs
 
     name = f"do_{arguments.verb}"
-    action: Callable[[argparse.Namespace], int] = getattr(dataset_verbs, name, None) or getattr(verbs, name)
+    found = next(module for module in (dataset_verbs, export_verbs, verbs) if hasattr(module, name))
+    action: Callable[[argparse.Namespace], int] = getattr(found, name)
     return action(arguments)
 
 

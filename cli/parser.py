@@ -52,6 +52,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     _add_studies(add)
     _add_rendering(add)
+    _add_exporting(add)
     _add_solving(add)
     _add_scoring(add)
     _add_league(add)
@@ -123,9 +124,12 @@ def _add_rendering(add: AddVerb) -> None:
 
     _add_jobs(develop)
 
-    verify = add("verify", "check the integrity of a dataset and print its fidelity; writes nothing")
-    verify.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    verify = add("verify", "check the integrity of a dataset or an export; prints a dataset's fidelity; writes nothing")
+    verify.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; or an export")
     verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
+    verify.add_argument(
+        "--against", metavar="DATASET", help="of an export: read every frame back and compare it with this dataset"
+    )
 
     repair = add("repair", "restore what `verify --full` finds: altered files, damaged records, leftovers")
     repair.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; nobody else may be rendering into it")
@@ -147,6 +151,34 @@ def _add_rendering(add: AddVerb) -> None:
     )
     for parser in (repair, merge):
         _add_mixing(parser)
+
+
+def _add_exporting(add: AddVerb) -> None:
+    export = add("export", "write a dataset in another format: BOP, COCO, YOLO, Hugging Face and others")
+    export.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    export.add_argument("out", type=on_disk, metavar="OUT", help="a new folder")
+    export.add_argument(
+        "--format",
+        required=True,
+        metavar="NAME",
+        help="bop, coco, yolo, webdataset, huggingface, croissant, colmap, kalibr, ros, tum or kitti",
+    )
+    export.add_argument(
+        "--split", default="100/0/0", metavar="T/V/T", help="percentages of train/val/test (default 100/0/0)"
+    )
+    export.add_argument(
+        "--split-by",
+        choices=("pose", "group", "world", "camera"),
+        default="pose",
+        metavar="WHAT",
+        help="what two splits never share: pose (default), group, world or camera",
+    )
+    export.add_argument("--split-seed", type=int, metavar="N", help="seed of the split (default: the study's)")
+    export.add_argument("--groups", nargs="+", metavar="GROUP", help="only frames of these groups")
+    export.add_argument("--no-depth", action="store_true", help="leave depth out")
+    export.add_argument(
+        "--url", default="", metavar="URL", help="where the dataset is published, for formats that say so"
+    )
 
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:

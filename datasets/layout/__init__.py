@@ -9,5 +9,6 @@ manifest: The manifest of a dataset, read and checked; that of each shard, where
 radiance: Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance
 schema: The records of a dataset as strict schemas: what is read from disk has every key, in range, and no other
 shards: Shards: a dataset's frames in folders of a fixed number, each complete in itself
+sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels
 truth_table: Columns of truth.parquet and truth.csv, and their writers
 """

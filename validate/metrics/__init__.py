@@ -14,5 +14,5 @@ metric: The metrics: column, title, unit, scale, definition and bound of each, i
 mosaic_noise: What interpolation between the pixels of a Bayer mosaic leaves at an edge, as noise of the grey image
 pose_errors: Errors of a pose and of an ellipse
 rows: Rows of scores: what the statistics, claims and figures read of them, in memory or on disk
-sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels
+sweeps: The position in its group's sweep of each row of the truth
 """

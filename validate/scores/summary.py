@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.datasets.layout.sweeps import sweep_keys
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import (
     HEADLINE,
@@ -26,7 +27,6 @@ from roundel.validate.metrics.metric import (
     REPROJECTION,
 )
 from roundel.validate.metrics.rows import Mask, Rows, column, distinct, flag_column, those, where_text
-from roundel.validate.metrics.sweeps import sweep_keys
 from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
 from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
 from roundel.validate.scores.run_statistics import run_statistics, statistics_of
@@ -226,7 +226,7 @@ def summarise(
             "frames": len(dataset),
             "circles": circles,
             "groups": dict(Counter(dataset.images.groups)),
-            "sweeps": sweep_keys(dataset),
+            "sweeps": sweep_keys(dataset.manifest),
             "fidelity": _fidelity(manifest.get("fidelity")),
         },
         settings={"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
