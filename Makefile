@@ -12,7 +12,7 @@ PACKAGES = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env league fuzz fuzz-env clean distclean
+.PHONY: help env clients-env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env league fuzz fuzz-env clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -82,6 +82,11 @@ bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
 	$(BIN)/python benchmarks/solver/peers_solver.py $(BENCH_FLAGS)
 
+clients-env: env ## .venv-clients with programs that read exports, for `make test-slow`
+	$(BIN)/python -m venv .venv-clients
+	.venv-clients/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
+	.venv-clients/bin/python -m pip install --disable-pip-version-check --quiet --group clients
+
 # A .pth file puts the folder at the end of the search path: Roundel's own OpenCV and NumPy come first.
 peers-env: env ## .bench-peers with the programs beside ours, as methods of `roundel solve`
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
@@ -111,4 +116,4 @@ clean: ## remove caches, links, build products and out/demo
 	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 distclean: clean ## clean, and remove .venv, .venv-bench and .bench-peers too
-	rm -rf .venv .venv-bench .bench-peers benchmarks/peers/build
+	rm -rf .venv .venv-bench .venv-clients .bench-peers benchmarks/peers/build

@@ -142,17 +142,15 @@ def write_ros(frames: Iterator[Frame], out: Output) -> None:
 
 
 def _only_camera(frames: Iterator[Frame], tool: str, fisheye: str, opencv: dict[int, str]) -> tuple[_Model, Camera]:
-    first: Frame | None = None
+    first = next(frames)
+    model = _model(first, tool, fisheye, opencv)
     for frame in frames:
-        if first is None:
-            first = frame
-        elif _identity(frame.camera) != _identity(first.camera):
+        if _identity(frame.camera) != _identity(first.camera):
             raise UsageError(
                 f"frame {frame.frame_id}: its camera is not that of frame {first.frame_id}, and {tool}'s file has one; "
                 "export a group with one camera (--groups), or use colmap"
             )
-    assert first is not None, "a dataset has frames"
-    return _model(first, tool, fisheye, opencv), first.camera
+    return model, first.camera
 
 
 def _identity(camera: Camera) -> tuple[object, ...]:

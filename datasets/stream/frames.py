@@ -78,28 +78,38 @@ class Marker:
     coverage: NDArray[np.float32] | None = field(repr=False)
 
     @cached_property
+    def _areas(self) -> tuple[int, int, Array]:
+        return covered_window(self.outline_px, self.camera.width_px, self.camera.height_px)
+
+    @property
     def full_window(self) -> tuple[int, int, Mask]:
         """First column, first row and mask of the pixels of which the sharp outline covers half or more.
 
         Whatever hides the marker; beyond the image, too, as far as its own size on each side, as in BOP's toolkit.
         """
-        return covered_window(self.outline_px, self.camera.width_px, self.camera.height_px, THRESHOLD)
+        x0, y0, area = self._areas
+        return x0, y0, area >= THRESHOLD
 
     @cached_property
-    def full_mask(self) -> Mask:
-        """(H, W) the part of `full_window` in the image."""
-        x0, y0, mask = self.full_window
-        out = np.zeros((self.camera.height_px, self.camera.width_px), dtype=bool)
+    def area(self) -> Array:
+        """(H, W) fraction of each pixel that the sharp outline at the pose of record covers, whatever hides it."""
+        x0, y0, area = self._areas
+        out = np.zeros((self.camera.height_px, self.camera.width_px))
         rows, columns = (
             slice(max(first, 0), max(min(first + size, limit), 0))
-            for first, size, limit in zip((y0, x0), mask.shape, out.shape, strict=True)
+            for first, size, limit in zip((y0, x0), area.shape, out.shape, strict=True)
         )
-        out[rows, columns] = mask[rows.start - y0 : rows.stop - y0, columns.start - x0 : columns.stop - x0]
+        out[rows, columns] = area[rows.start - y0 : rows.stop - y0, columns.start - x0 : columns.stop - x0]
         return out
+
+    @property
+    def full_mask(self) -> Mask:
+        """(H, W) pixels of which the marker covers half or more, whatever hides it."""
+        return self.area >= THRESHOLD
 
     @cached_property
     def visible_mask(self) -> Mask:
-        """(H, W) pixels of which the marker is seen on half or more.
+        """(H, W) pixels of the full mask in which half of the marker's own area, or more, is seen.
 
         Raises
         ------
@@ -107,7 +117,8 @@ class Marker:
             If something hides it, and the dataset keeps no coverage.
         """
         if self.coverage is not None:
-            return self.coverage >= np.float32(THRESHOLD)
+            # Of its own area: an edge pixel is not hidden because the samples of its coverage are few.
+            return self.full_mask & (self.coverage >= THRESHOLD * self.area)
         if set(filter(None, (self.truth.get("hidden_by") or "").split(", "))) <= {"image border"}:
             return self.full_mask
         raise NotComparableError(

@@ -37,25 +37,25 @@ def outline_of(row: dict[str, Any], pose: Array, diameter_m: float, camera: Came
     return points[np.isfinite(points).all(axis=1)]
 
 
-def covered_window(outline: Outline, width_px: int, height_px: int, threshold: float) -> tuple[int, int, Mask]:
-    """First column, first row and mask of the pixels of which a closed outline covers at least a fraction.
+def covered_window(outline: Outline, width_px: int, height_px: int) -> tuple[int, int, Array]:
+    """First column, first row and (h, w) fractions of the pixels that a closed outline covers.
 
     The areas are exact for the chords of the outline. As far as three times the image's size, centred on it.
     """
     window = window_of(outline)
     if window is None:
-        return 0, 0, np.zeros((0, 0), dtype=bool)
+        return 0, 0, np.zeros((0, 0))
     x0, y0, width, height = window
     left, top = max(x0, -width_px), max(y0, -height_px)
     right, bottom = min(x0 + width, 2 * width_px), min(y0 + height, 2 * height_px)
     if right <= left or bottom <= top:
-        return 0, 0, np.zeros((0, 0), dtype=bool)
+        return 0, 0, np.zeros((0, 0))
     x, y = outline.T
     if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0:
         x, y = x[::-1], y[::-1]
     areas = Areas(top, left, bottom - top, right - left)
     areas.add(x, y, np.roll(x, -1), np.roll(y, -1), np.ones((1, len(x))))
-    return left, top, areas.inside()[0] >= threshold
+    return left, top, areas.inside()[0]
 
 
 def window_of(outline: Outline) -> tuple[int, int, int, int] | None:
