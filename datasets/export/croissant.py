@@ -123,7 +123,9 @@ class _Table:
 
 def write_croissant(frames: Iterator[Frame], out: Output, splits: tuple[str, ...], about: dict[str, Any]) -> None:
     """Write images as shards of tar, their frames and markers as Parquet, and croissant.json, which describes them."""
-    shards = {split: TarShards(out, f"images/{split}") for split in splits}
+    # The client keeps what it extracts by the name alone: those of two exports must differ.
+    tag = hashlib.sha256(json.dumps(about["identity"], sort_keys=True).encode()).hexdigest()[:8]
+    shards = {split: TarShards(out, f"images/{split}-{tag}") for split in splits}
     with ExitStack() as stack:
         frame_rows = _Table(stack, out, FRAMES, _FRAME_SCHEMA)
         marker_rows = _Table(stack, out, MARKERS, _MARKER_SCHEMA)

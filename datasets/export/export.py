@@ -227,8 +227,10 @@ def export_dataset(
                 progress(done, len(places))
 
     with out:
-        form.write(frames(), out, Plan(counts, about_dataset(dataset, counts, url)))
-        out.finish(_record(dataset, name, form, splits, counts))
+        record = _record(dataset, name, form, splits, counts)
+        about = {**about_dataset(dataset, counts, url), "identity": {**record, "groups": list(groups or ())}}
+        form.write(frames(), out, Plan(counts, about))
+        out.finish(record)
     return counts
 
 

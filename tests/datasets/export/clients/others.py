@@ -15,7 +15,8 @@ def of_webdataset():
 
     shards = sorted(str(p) for p in folder.glob("*.tar"))
     samples = webdataset.WebDataset(shards, shardshuffle=False).decode("pil").to_tuple("__key__", "png;jpg", "json")
-    return [{"key": k, "size": image.size, "levels": int(np.asarray(image, dtype=np.int64).sum()), "record": r}
+    # "pil" gives colours: of grey images three times the same.
+    return [{"key": k, "size": image.size, "levels": int(np.asarray(image, dtype=np.int64)[..., 0].sum()), "record": r}
             for k, image, r in samples]  # fmt: skip
 
 
