@@ -1,5 +1,6 @@
 """Files of estimates: columns, reading, defaults.
 
+bop_results: Results in BOP's format as estimates: one pose in millimetres in each line
 defaults: Defaults for columns that a file of estimates leaves out: the camera, and the ellipse of a pose
 reader: Reading estimates from Parquet or CSV, checked against the schema column by column
 runs: Estimates as runs, checked for consistency before anything is scored

@@ -23,6 +23,7 @@ from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.store import MissingFile
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.solver.estimates import CHECKSUM, ESTIMATES, METADATA, estimates_schema
+from roundel.validate.estimates.bop_results import is_bop_results, read_bop_results
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
 
 _MAGIC = b"PAR1"
@@ -234,6 +235,8 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
     except UnicodeDecodeError as error:
         raise UsageError(f"{file}: not UTF-8 at byte {error.start}; save it as UTF-8") from error
     names = _header(file, text)
+    if is_bop_results(names):
+        return read_bop_results(file, text)
     types = {field.name: field.type for field in _SCHEMA if not pa.types.is_list(field.type)}
     try:
         table = pa_csv.read_csv(
