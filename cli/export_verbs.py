@@ -1,11 +1,13 @@
-"""The verbs that take a dataset to other formats: export."""
+"""The verbs that take a dataset to others: export, card."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from roundel.cli.dataset_verbs import readable
 from roundel.cli.progress import progress
+from roundel.scenes.errors import UsageError
 
 
 def do_export(arguments: argparse.Namespace) -> int:
@@ -31,4 +33,23 @@ def do_export(arguments: argparse.Namespace) -> int:
     said = ", ".join(f"{name} {count}" for name, count in counts.items())
     print(f"{arguments.out}: {arguments.format}, {sum(counts.values())} frames ({said})")
     print(f"not held by {arguments.format}: {'; '.join(FORMATS[arguments.format].left_out)}")
+    return 0
+
+
+def do_card(arguments: argparse.Namespace) -> int:
+    """Write a dataset's data card."""
+    from roundel.datasets.card.card import PAGE, RECORD, card_json, card_of, card_page
+    from roundel.datasets.dataset import open_dataset
+    from roundel.datasets.layout.files import check_no_dataset
+    from roundel.datasets.store.writing import write_file
+
+    dataset = open_dataset(readable(arguments.dataset))
+    out = Path(arguments.out)
+    check_no_dataset(out)
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out}: is a file; give a folder for the card")
+    card = card_of(dataset)
+    write_file(out / PAGE, card_page(card, dataset))
+    write_file(out / RECORD, card_json(card))
+    print(f"{out / PAGE}, {out / RECORD}: {len(dataset)} frames, dataset_id {card['dataset_id'][:12]}")
     return 0

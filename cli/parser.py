@@ -180,6 +180,10 @@ def _add_exporting(add: AddVerb) -> None:
         "--url", default="", metavar="URL", help="where the dataset is published, for formats that say so"
     )
 
+    card = add("card", "write a dataset's data card: a page, and a record for programs")
+    card.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    card.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
+
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from roundel.datasets.card.card import PAGE, RECORD, card_json, card_of, card_page
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.export import (
     bop,
@@ -230,6 +231,9 @@ def export_dataset(
         record = _record(dataset, name, form, splits, counts)
         about = {**about_dataset(dataset, counts, url), "identity": {**record, "groups": list(groups or ())}}
         form.write(frames(), out, Plan(counts, about))
+        card = card_of(dataset, counts)
+        out.write(RECORD, card_json(card))
+        out.write(PAGE, card_page(card, dataset))
         out.finish(record)
     return counts
 

@@ -1,8 +1,8 @@
 """Results in BOP's format as estimates: one pose in millimetres in each line.
 
 Source: https://github.com/thodan/bop_toolkit, "Format of the BOP challenge results": the columns `scene_id, im_id,
-obj_id, score, R, t, time`, R row by row. An export's `im_id` is the frame, and its scene and object follow from it; whether a
-pose belongs to a marker is judged by where it is, as for every method.
+obj_id, score, R, t, time`, R row by row. An export's `im_id` is the frame, and its scene and object follow from it;
+whether a pose belongs to a marker is judged by where it is, as for every method.
 """
 
 from __future__ import annotations

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+from roundel.scenes.display_text import clean
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, line, marker, name_of
 from roundel.validate.metrics.metric import PAPER, Metric
 from roundel.validate.metrics.rows import Rows, column, distinct, text_column, texts_of, those, where_text
 from roundel.validate.scores.summary import CHESSBOARD, grid_of
-from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.display_text import clean
 from roundel.validate.claims.robustness import is_logarithmic
 from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import INK, Picture, colour, draw_svg
 from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric
 from roundel.validate.metrics.rows import Rows, column, flag_column
 from roundel.validate.scores.summary import run_rows
-from roundel.validate.tables.table import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

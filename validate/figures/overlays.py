@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.scenes.errors import DataError
 from roundel.solver.detect.chessboard_corners import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
 from roundel.validate.metrics.rows import flag_column, in_memory
 from roundel.validate.scores.scores import Scores
 from roundel.validate.scores.summary import CHESSBOARD, number, run_keys, run_rows
-from roundel.validate.tables.table import NAME_LIMIT, clean
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
@@ -21,7 +22,7 @@ from roundel.validate.scores.comparisons import shared_rows
 from roundel.validate.scores.summary import CHESSBOARD, run_rows
 from roundel.validate.statistics.intervals import holm
 from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
-from roundel.validate.tables.table import NAME_LIMIT, Cell, Column, Table, clean
+from roundel.validate.tables.table import Cell, Column, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from xml.sax.saxutils import escape
 
 from roundel.datasets.store.writing import sha256
-from roundel.validate.tables.table import clean
+from roundel.scenes.display_text import clean
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

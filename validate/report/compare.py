@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from roundel.datasets.layout.files import check_no_dataset
 from roundel.datasets.store.writing import write_file
+from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.figures.side_by_side import (
     ERRORS,
@@ -29,7 +30,7 @@ from roundel.validate.scores.report_files import SCORES, read_report_files
 from roundel.validate.scores.scores import KEY, SCORES_SCHEMA
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
-from roundel.validate.tables.table import NAME_LIMIT, Table, clean
+from roundel.validate.tables.table import Table
 from roundel.validate.tables.writers import write_tables
 
 PAGE = "compare.html"

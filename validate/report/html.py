@@ -7,9 +7,10 @@ from dataclasses import fields, replace
 from importlib import resources
 from typing import Any
 
+from roundel.scenes.display_text import NAME_LIMIT, TEXT_LIMIT, clean
 from roundel.validate.figures.svg import Picture
 from roundel.validate.scores.summary import Summary
-from roundel.validate.tables.table import NAME_LIMIT, TEXT_LIMIT, Table, clean, heads, shown_rows
+from roundel.validate.tables.table import Table, heads, shown_rows
 
 # A page shows at most this many rows of a table (about 200 kB); the CSV file has all.
 _MAX_ROWS = 500

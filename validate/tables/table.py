@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from roundel.scenes.display_text import TEXT_LIMIT, clean
 from roundel.validate.scores.summary import number
 
 Cell = str | int | float | None
 
-# Lengths at which a cell wraps, a name is truncated and a text is truncated. Roundel's own names are much shorter.
-_PROSE, NAME_LIMIT, TEXT_LIMIT = 44, 80, 2000
+# Length at which a cell wraps.
+_PROSE = 44
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,6 @@ class Shown:
     def text(self) -> str:
         """The cell as one line."""
         return " ".join(part for part in (self.value, self.interval, self.tail and f"/ {self.tail}") if part)
-
-
-def clean(text: str, limit: int | None = None) -> str:
-    """A user's text on one line, without control and reordering characters, truncated to `limit`."""
-    visible = "".join("\N{REPLACEMENT CHARACTER}" if _controls(c) else c for c in " ".join(text.split()))
-    return visible if limit is None or len(visible) <= limit else visible[: limit - 1] + "\N{HORIZONTAL ELLIPSIS}"
-
-
-def _controls(character: str) -> bool:
-    # Cc and Cf: control, bidirectional, zero width; Cs: lone surrogates, which cannot be encoded.
-    return unicodedata.category(character) in ("Cc", "Cf", "Cs")
 
 
 def signed(value: float | None) -> str:

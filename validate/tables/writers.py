@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from roundel.datasets.store.writing import write_file
-from roundel.validate.tables.table import Cell, Table, clean, heads, shown_rows
+from roundel.scenes.display_text import clean
+from roundel.validate.tables.table import Cell, Table, heads, shown_rows
 
 FOLDER = "tables"
 

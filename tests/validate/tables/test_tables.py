@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roundel.validate.tables.table import Column, Table, clean, shown_rows
+from roundel.scenes.display_text import clean
+from roundel.validate.tables.table import Column, Table, shown_rows
 from roundel.validate.tables.writers import WRITERS, csv_text, latex_text, markdown_text, write_tables
 
 COLUMNS = (
