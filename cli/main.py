@@ -13,10 +13,10 @@ from roundel.cli.parser import build_parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from roundel.cli import dataset_verbs, export_verbs, verbs
+    from roundel.cli.verbs import chain, datasets, exports
 
     name = f"do_{arguments.verb}"
-    found = next(module for module in (dataset_verbs, export_verbs, verbs) if hasattr(module, name))
+    found = next(module for module in (datasets, exports, chain) if hasattr(module, name))
     action: Callable[[argparse.Namespace], int] = getattr(found, name)
     return action(arguments)
 
@@ -80,6 +80,7 @@ _AFTER_INTERRUPT = {
     **dict.fromkeys(("render", "develop", "run", "league"), "; rendered frames are kept"),
     "solve": "; run the same command again",
     **dict.fromkeys(("validate", "calibrate", "compare"), "; no results are written"),
+    **dict.fromkeys(("export", "card"), "; nothing is written"),
 }
 
 

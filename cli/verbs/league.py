@@ -77,7 +77,7 @@ def _opened(dataset: Path, truth: str | None) -> Any:
 
 
 def _rendered(dataset: Path, arguments: argparse.Namespace) -> Path:
-    from roundel.cli.study_verbs import find_study
+    from roundel.cli.verbs.studies import find_study
     from roundel.render.run import render_study
     from roundel.scenes.study.study import load_study
 

@@ -1,4 +1,4 @@
-"""The verbs: each is a few lines that call the packages."""
+"""The verbs from a study to its report, and those that other modules carry out: each is a few lines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from roundel.cli.progress import progress
-from roundel.cli.study_verbs import find_study, init_study, list_studies
+from roundel.cli.verbs.studies import find_study, init_study, list_studies
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import UsageError
 
@@ -97,7 +97,7 @@ def do_render(arguments: argparse.Namespace) -> int:
     wanted = _wanted(study, arguments)
     dataset = _rendered(study, out, arguments, wanted)
     if dataset is None:
-        from roundel.cli.dataset_verbs import warn_of_unfinished
+        from roundel.cli.verbs.datasets import warn_of_unfinished
 
         warn_of_unfinished(study, out, wanted)
         print(f"{out}: some frames are missing; run `roundel render` without --frames to complete the dataset")
@@ -179,7 +179,7 @@ def _print_fidelity(manifest: dict[str, Any]) -> None:
 
 def do_solve(arguments: argparse.Namespace) -> int:
     """Estimate poses from a dataset's images, from photographs, or from a video."""
-    from roundel.cli.photo_verbs import are_photographs, is_video, solve_film, solve_photos
+    from roundel.cli.verbs.photos import are_photographs, is_video, solve_film, solve_photos
 
     if is_video(arguments.inputs):
         return solve_film(arguments, _knowledge(arguments.knowledge))
@@ -188,7 +188,7 @@ def do_solve(arguments: argparse.Namespace) -> int:
     if arguments.diameter_m is not None or arguments.curve is not None:
         option = "--diameter-m" if arguments.curve is None else "--curve"
         raise UsageError(f"{option}: a dataset defines its own markers and sensor; leave it out")
-    from roundel.cli.dataset_verbs import readable
+    from roundel.cli.verbs.datasets import readable
     from roundel.datasets.layout.images import open_images
     from roundel.datasets.layout.manifest import read_manifest
     from roundel.datasets.store.addresses import store_at
@@ -239,7 +239,7 @@ def _counted(counts: Any) -> str:
 
 def do_validate(arguments: argparse.Namespace) -> int:
     """Score estimates."""
-    from roundel.cli.dataset_verbs import readable
+    from roundel.cli.verbs.datasets import readable
     from roundel.datasets.dataset import open_dataset
     from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
@@ -265,7 +265,7 @@ def do_validate(arguments: argparse.Namespace) -> int:
 
 def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
-    from roundel.cli.calibrate_verb import calibrate_of_study
+    from roundel.cli.verbs.calibrate import calibrate_of_study
     from roundel.solver.methods.solve import solve_dataset
     from roundel.validate.scores.summary import terminal_table
     from roundel.validate.validate import validate_dataset
@@ -320,47 +320,47 @@ def _has_circles(dataset: Any, groups: list[str] | None) -> bool:
 
 def do_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate from boards."""
-    from roundel.cli.calibrate_verb import calibrate
+    from roundel.cli.verbs.calibrate import calibrate
 
     return calibrate(arguments)
 
 
 def do_compare(arguments: argparse.Namespace) -> int:
     """Write one page over several reports."""
-    from roundel.cli.gate_verbs import compare_reports
+    from roundel.cli.verbs.gate import compare_reports
 
     return compare_reports(arguments)
 
 
 def do_league(arguments: argparse.Namespace) -> int:
     """Run the league, score a submission, or hold a part back."""
-    from roundel.cli import league_verbs
+    from roundel.cli.verbs import league
 
     actions = {
-        "run": league_verbs.run_league,
-        "score": league_verbs.score_submission,
-        "hold-back": league_verbs.hold_back,
+        "run": league.run_league,
+        "score": league.score_submission,
+        "hold-back": league.hold_back,
     }
     return actions[arguments.action](arguments)
 
 
 def do_gate(arguments: argparse.Namespace) -> int:
     """Compare a report with a baseline."""
-    from roundel.cli.gate_verbs import compare
+    from roundel.cli.verbs.gate import compare
 
     return compare(arguments)
 
 
 def do_baseline(arguments: argparse.Namespace) -> int:
     """Accept a baseline."""
-    from roundel.cli.gate_verbs import accept_baseline
+    from roundel.cli.verbs.gate import accept_baseline
 
     return accept_baseline(arguments)
 
 
 def do_marker(arguments: argparse.Namespace) -> int:
     """Print a marker."""
-    from roundel.cli.photo_verbs import print_marker
+    from roundel.cli.verbs.photos import print_marker
 
     return print_marker(arguments)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from roundel.cli.photo_verbs import are_photographs
 from roundel.cli.progress import progress
+from roundel.cli.verbs.photos import are_photographs
 from roundel.scenes.errors import UsageError
 
 if TYPE_CHECKING:

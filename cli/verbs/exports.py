@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from roundel.cli.dataset_verbs import readable
 from roundel.cli.progress import progress
+from roundel.cli.verbs.datasets import readable
 from roundel.scenes.errors import UsageError
 
 
