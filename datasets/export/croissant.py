@@ -125,8 +125,8 @@ def write_croissant(frames: Iterator[Frame], out: Output, splits: tuple[str, ...
     """Write images as shards of tar, their frames and markers as Parquet, and croissant.json, which describes them."""
     # The client keeps what it extracts by the name alone: those of two exports must differ.
     tag = hashlib.sha256(json.dumps(about["identity"], sort_keys=True).encode()).hexdigest()[:8]
-    shards = {split: TarShards(out, f"images/{split}-{tag}") for split in splits}
     with ExitStack() as stack:
+        shards = {split: stack.enter_context(TarShards(out, f"images/{split}-{tag}")) for split in splits}
         frame_rows = _Table(stack, out, FRAMES, _FRAME_SCHEMA)
         marker_rows = _Table(stack, out, MARKERS, _MARKER_SCHEMA)
         for frame in frames:
@@ -138,8 +138,6 @@ def write_croissant(frames: Iterator[Frame], out: Output, splits: tuple[str, ...
                 marker_rows.add({**{f.name: marker.truth.get(f.name) for f in _FLAT}, "diameter_m": marker.diameter_m})
         frame_rows.flush()
         marker_rows.flush()
-    for shard in shards.values():
-        shard.close()
     names = [FRAMES, MARKERS, *(name for shard in shards.values() for name in shard.names)]
     out.write(METADATA, (json.dumps(_metadata(names, out, about), indent=1) + "\n").encode())
 

@@ -74,7 +74,7 @@ def _schema() -> pa.Schema:
 
 
 class _Files:
-    """The Parquet files of a split, whose number their names tell."""
+    """The Parquet files of a split, whose number their names tell; the last ends with the block."""
 
     def __init__(self, out: Output, split: str, frames: int) -> None:
         self._out, self._split, self._of = out, split, max(1, -(-frames // _FILE_FRAMES))
@@ -82,6 +82,15 @@ class _Files:
         self._written, self._frames = 0, 0
         self._stack = ExitStack()
         self._writer: pq.ParquetWriter | None = None
+
+    def __enter__(self) -> _Files:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
+        if kind is None:
+            self._end()
+        else:
+            self._stack.__exit__(kind, *error)
 
     def add(self, row: dict[str, Any]) -> None:
         """Add a frame."""
@@ -94,15 +103,14 @@ class _Files:
         if len(self._rows) == _ROWS:
             self._flush()
         if self._frames % _FILE_FRAMES == 0:
-            self.close()
+            self._end()
 
     def _flush(self) -> None:
         if self._rows and self._writer is not None:
             self._writer.write_table(pa.Table.from_pylist(self._rows, schema=_schema()))
             self._rows = []
 
-    def close(self) -> None:
-        """End the file."""
+    def _end(self) -> None:
         if self._writer is not None:
             self._flush()
             self._stack.close()
@@ -122,12 +130,11 @@ def write_huggingface(frames: Iterator[Frame], out: Output, counts: dict[str, in
     about : dict
         Of the dataset; see `export.about_dataset`.
     """
-    files = {split: _Files(out, split, count) for split, count in counts.items()}
-    for frame in frames:
-        image = {"bytes": frame.image_bytes, "path": f"{frame.frame_id:06d}{frame.suffix}"}
-        files[frame.split].add({"image": image, **sample_of(frame)})
-    for file in files.values():
-        file.close()
+    with ExitStack() as stack:
+        files = {split: stack.enter_context(_Files(out, split, count)) for split, count in counts.items()}
+        for frame in frames:
+            image = {"bytes": frame.image_bytes, "path": f"{frame.frame_id:06d}{frame.suffix}"}
+            files[frame.split].add({"image": image, **sample_of(frame)})
     out.write("README.md", _card(counts, about))
 
 

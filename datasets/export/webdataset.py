@@ -12,6 +12,7 @@ import tarfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from roundel.datasets.export.output import Output, json_bytes
 from roundel.datasets.export.reading import ReadFrame
@@ -25,7 +26,7 @@ _SHARD_FRAMES = 1000
 
 
 class TarShards:
-    """Tar files of a fixed number of frames, written one after another."""
+    """Tar files of a fixed number of frames, written one after another; the last ends with the block."""
 
     def __init__(self, out: Output, prefix: str) -> None:
         self._out, self._prefix, self._stack = out, prefix, ExitStack()
@@ -33,10 +34,16 @@ class TarShards:
         self.names: list[str] = []
         self._tar: tarfile.TarFile | None = None
 
+    def __enter__(self) -> TarShards:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
     def next_frame(self) -> None:
         """Begin a frame; a full shard ends before it."""
         if self._frames % _SHARD_FRAMES == 0:
-            self.close()
+            self._stack.close()
             name = f"{self._prefix}-{len(self.names):06d}.tar"
             self.names.append(name)
             file = self._stack.enter_context(self._out.open(name))
@@ -52,21 +59,16 @@ class TarShards:
         info.size, info.mode = len(data), 0o444
         self._tar.addfile(info, io.BytesIO(data))
 
-    def close(self) -> None:
-        """End the last shard."""
-        self._stack.close()
-
 
 def write_webdataset(frames: Iterator[Frame], out: Output, splits: tuple[str, ...]) -> None:
     """Write frames as `SPLIT-NNNNNN.tar`."""
-    shards = {split: TarShards(out, split) for split in splits}
-    for frame in frames:
-        shard, key = shards[frame.split], f"{frame.frame_id:06d}"
-        shard.next_frame()
-        shard.add(f"{key}{frame.suffix}", frame.image_bytes)
-        shard.add(f"{key}.json", json_bytes(sample_of(frame)))
-    for shard in shards.values():
-        shard.close()
+    with ExitStack() as stack:
+        shards = {split: stack.enter_context(TarShards(out, split)) for split in splits}
+        for frame in frames:
+            shard, key = shards[frame.split], f"{frame.frame_id:06d}"
+            shard.next_frame()
+            shard.add(f"{key}{frame.suffix}", frame.image_bytes)
+            shard.add(f"{key}.json", json_bytes(sample_of(frame)))
 
 
 def read_webdataset(folder: Path) -> Iterator[ReadFrame]:
