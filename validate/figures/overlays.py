@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 # Larger crops are subsampled: more pixels show no further detail and enlarge the report.
 _MAX_CROP_PX = 220
 _MAX_OVERLAYS = 48
+_FARTHEST_PX = 1e9
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
 
 
 def _svg(dataset: Dataset, row: dict[str, Any], truth: Array, estimate: Array | None) -> str:
-    visible = truth[np.isfinite(truth).all(axis=-1)]
+    # Of an altered truth, points may be anywhere.
+    visible = truth[(np.abs(truth) < _FARTHEST_PX).all(axis=-1)]
     if not len(visible):
         return ""
     i = dataset.images.frame_ids.index(row["frame_id"])
