@@ -57,8 +57,6 @@ class Marker:
         Outer diameter.
     camera_from_marker : (4, 4) array
         Metres.
-    outline_px : (n, 2) array
-        The outline as it would be without occluders and without the image's border, distorted; only finite points.
     camera : Camera
     truth : dict
         The row of truth.parquet.
@@ -72,10 +70,14 @@ class Marker:
     is_symmetric: bool
     diameter_m: float
     camera_from_marker: Array
-    outline_px: Outline
     camera: Camera
     truth: dict[str, Any]
     coverage: NDArray[np.float32] | None = field(repr=False)
+
+    @cached_property
+    def outline_px(self) -> Outline:
+        """(n, 2) the outline without occluders and without the image's border, distorted; only finite points."""
+        return outline_of(self.truth, self.camera_from_marker, self.diameter_m, self.camera)
 
     @cached_property
     def _areas(self) -> tuple[int, int, Array]:
@@ -264,9 +266,8 @@ def _marker(row: dict[str, Any], printed: dict[str, Any], camera: Camera, planes
         4, 4
     )
     diameter = printed["diameter_m"]
-    outline = outline_of(row, pose, diameter, camera)
     coverage = None if planes is None else planes.get(f"coverage.{row['marker_id']}")
     kind, layout = str(printed["kind"]), printed["layout"]
     symmetric = kind in _SYMMETRIC and "tick_width_m" not in layout
     category = f"{kind}{'' if symmetric or kind not in _SYMMETRIC else ' with tick'} {1000 * diameter:.6g} mm"
-    return Marker(int(row["marker_id"]), kind, category, symmetric, diameter, pose, outline, camera, row, coverage)
+    return Marker(int(row["marker_id"]), kind, category, symmetric, diameter, pose, camera, row, coverage)
