@@ -46,7 +46,8 @@ function rangeOf({ key, title, unit }) {
   const box = node("fieldset", { class: "range" }, name, bars, node("div", { class: "limits" }, low, "to", high));
   document.getElementById("ranges").append(box);
   let bins = [];
-  const limit = input => (input.value === "" ? null : Number(input.value));
+  // Limits that are out of sight, because the chosen run has no such values, do not hold.
+  const limit = input => (box.hidden || input.value === "" ? null : Number(input.value));
   return {
     limits: () => ({ key, low: limit(low), high: limit(high) }),
     measure() {
