@@ -56,7 +56,7 @@ function rangeOf({ key, title, unit }) {
       // What is the same for all tells no frames apart.
       box.hidden = bins.length === 0;
       if (box.hidden) return;
-      [low.placeholder, high.placeholder] = [bins[0].from, bins[bins.length - 1].to].map(short);
+      [low.placeholder, high.placeholder] = [bins[0].from, bins[bins.length - 1].to].map(value => short(value));
       const most = Math.max(...bins.map(bin => bin.count));
       bars.replaceChildren(...bins.map(({ count }, i) => {
         const height = count && Math.max(1, (20 * count) / most);

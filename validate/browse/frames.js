@@ -74,8 +74,8 @@ function leading(those, wanted) {
 }
 
 // A number as it is shown in little room.
-function short(value) {
-  return String(Number(value.toPrecision(3)));
+function short(value, digits = 3) {
+  return String(Number(value.toPrecision(digits)));
 }
 
 function withUnit(text, unit) {

@@ -2,7 +2,7 @@
 "use strict";
 
 const grid = document.getElementById("grid");
-const NARROWEST_PX = 216, GAP_PX = 14, ROWS_BEYOND = 3;
+const NARROWEST_PX = 232, GAP_PX = 14, ROWS_BEYOND = 3;
 const CAPTION_PX = scores() ? 64 : 46;
 
 // Height over width of the pictures: that of the tallest frame, within reason.
@@ -76,7 +76,7 @@ function scoreLine(frame) {
   if (!solved.length) return "not solved";
   const worst = ROUNDEL.errors.map(({ key, unit }) => {
     const values = solved.map(marker => valueOf(marker, key)).filter(value => value !== null);
-    return values.length ? withUnit(short(Math.max(...values)), unit.split(" ")[0]) : "-";
+    return values.length ? withUnit(short(Math.max(...values), 2), unit.split(" ")[0]) : "-";
   });
   if (scored.length > 1) return `${solved.length} of ${scored.length} solved, to ${worst.join(", ")}`;
   return `normal ${worst[0]}, position ${worst[1]}`;
