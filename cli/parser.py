@@ -307,6 +307,18 @@ def _add_scoring(add: AddVerb) -> None:
     )
     compare.add_argument("--out", type=on_disk, required=True, metavar="FOLDER", help="folder to write the page to")
 
+    browse = add("browse", "write a page of all frames: thumbnails, true contours, filters over truth and scores")
+    browse.add_argument("dataset", metavar="DATASET", help=_DATASET)
+    browse.add_argument("report", nargs="?", metavar="REPORT", help=f"{_REPORT}, for its scores")
+    browse.add_argument(
+        "--out",
+        type=on_disk,
+        required=True,
+        metavar="FOLDER",
+        help="folder to write the page to; an older page is replaced",
+    )
+    browse.add_argument("--images", action="store_true", help="also copy the images, for the larger view")
+
 
 def _add_league(add: AddVerb) -> None:
     league = add("league", "every related system on the same images, and the score of a submission")

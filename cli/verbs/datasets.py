@@ -1,4 +1,4 @@
-"""The verbs that look after datasets: verify, repair, merge, pull; and reading one that is not finished."""
+"""The verbs that look after datasets: verify, repair, merge, pull, browse; and reading one that is not finished."""
 
 from __future__ import annotations
 
@@ -168,4 +168,15 @@ def do_pull(arguments: argparse.Namespace) -> int:
         pulled = pull_dataset(str(_there(arguments.dataset)), arguments.out, arguments.frames, show)
     state = "the whole dataset" if pulled.complete else "a part of the dataset"
     print(f"{arguments.out}: {pulled.frames} frames, {pulled.fetched} files of frames fetched: {state}")
+    return 0
+
+
+def do_browse(arguments: argparse.Namespace) -> int:
+    """Write a page of all frames."""
+    from roundel.validate.browse.page import browse_dataset
+
+    out = Path(arguments.out)
+    with progress("browse") as show:
+        frames = browse_dataset(readable(arguments.dataset), out, arguments.report, arguments.images, show)
+    print(f"{out / 'index.html'}: {frames} frames")
     return 0

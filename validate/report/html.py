@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from roundel.scenes.display_text import NAME_LIMIT, TEXT_LIMIT, clean
 from roundel.validate.figures.svg import Picture
 from roundel.validate.scores.summary import Summary
 from roundel.validate.tables.table import Table, heads, shown_rows
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+_HERE = "roundel.validate.report"
 
 # A page shows at most this many rows of a table (about 200 kB); the CSV file has all.
 _MAX_ROWS = 500
@@ -19,12 +24,19 @@ _MAX_ROWS = 500
 _NAMES = ("name", "method", "methods", "intrinsics", "group", "groups", "reference")
 
 
-def fill(template: str, **values: Any) -> str:
-    """Fill a page template. Everything except Markup is escaped; undefined names are errors."""
-    from jinja2 import Environment, FunctionLoader, StrictUndefined
+def fill(name: str, /, **values: Any) -> str:
+    """Fill a template of a report's pages, see `template`."""
     from markupsafe import Markup
 
-    room = resources.files("roundel.validate.report")
+    css = Markup((resources.files(_HERE) / "report.css").read_text(encoding="utf-8"))
+    return template(_HERE, name).render(css=css, **values).strip() + "\n"
+
+
+def template(package: str, name: str) -> Template:
+    """A page template of a package. Everything except Markup is escaped; undefined names are errors."""
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    room = resources.files(package)
     environment = Environment(
         loader=FunctionLoader(lambda name: (room / name).read_text(encoding="utf-8")),
         autoescape=True,
@@ -32,8 +44,7 @@ def fill(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    css = Markup((room / "report.css").read_text(encoding="utf-8"))
-    return environment.get_template(template).render(css=css, **values).strip() + "\n"
+    return environment.get_template(name)
 
 
 def presentable(value: Any, key: str = "") -> Any:
