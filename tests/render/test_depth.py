@@ -144,6 +144,8 @@ STEEP = ("tilt_deg: {uniform: [10, 50]}", "tilt_deg: 80")
 BENT = ("diameter_m: 0.08}", "diameter_m: 0.08, surface: {shape: cylinder, radius_m: 0.06}}")
 TABLE, WORKSHOP = ((LIGHT, f"world: {kind}") for kind in ("tabletop", "workshop"))
 FEW = (BAND, "target_error: 0.1, background_error: 0.3")
+SMALLER = ("width_px: 160, height_px: 120, focal_px: 320", "width_px: 96, height_px: 72, focal_px: 192")
+BARREL = ("focal_px: 192", "focal_px: 192, distortion: [-0.3, 0.1, 0.004, -0.003, 0.02]")
 
 
 def around(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -162,9 +164,9 @@ def around(plane: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ((OCCLUDED, ROLLING), False),
         ((OCCLUDED, LENS), False),
         ((OCCLUDED, BENT), False),
-        ((TABLE, FEW), False),
-        ((TABLE, FEW, OPENCV), False),
-        ((WORKSHOP, FEW), False),
+        ((TABLE, FEW, SMALLER), False),
+        ((TABLE, FEW, SMALLER, BARREL), False),
+        ((WORKSHOP, FEW, SMALLER), False),
     ],
     ids=[
         *("plain", "steep", "occluded", "distorted", "fisheye", "rolling", "lens", "bent"),
