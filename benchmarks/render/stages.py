@@ -98,8 +98,9 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
 
     def whole(folder: Path) -> Iterator[None]:
         placed = (placing(study, i % total) for i in range(frames + _WARM + 1))
-        log = OwnLog(Folder(folder), {})
-        for entry, _ in shard_work.render_frames(placed, folder):
+        store = Folder(folder)
+        log = OwnLog(store, {})
+        for entry, _ in shard_work.render_frames(placed, store):
             append(log, {"entry": entry})
             truth(frame_of(study, entry["frame_id"]))
             yield
