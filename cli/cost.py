@@ -20,6 +20,7 @@ _SECONDS_A_FRAME = 0.4
 _RAYS_A_BAND_PIXEL = 200
 _PNG_BYTES_A_PIXEL = 0.6
 _EXR_BYTES_A_PIXEL = 4.0
+_MASKS_BYTES_A_PIXEL = 1.2
 
 
 def _images_of(study: Study) -> dict[str, int]:
@@ -34,7 +35,8 @@ def disk_bytes(study: Study) -> float:
         sensor = group.sensor
         numbers = 3 if sensor.mosaic != "none" and sensor.deliver == "colour" else 1
         pixel = _PNG_BYTES_A_PIXEL * numbers * (1 if sensor.bits == 8 else 2)
-        pixel += _EXR_BYTES_A_PIXEL if group.render.radiance else 0
+        if group.render.keeps_depth:
+            pixel += _EXR_BYTES_A_PIXEL if group.render.radiance else _MASKS_BYTES_A_PIXEL
         total += count * group.camera.width_px * group.camera.height_px * pixel
     return total
 

@@ -110,7 +110,7 @@ def is_whole(folder: Store, shards: Iterable[Shard]) -> bool:
         for part in contents.parts:
             if part.shard.folder in wanted:
                 here = folder.sub(part.shard.folder)
-                subs = ("", files.IMAGES, files.RADIANCE)
+                subs = ("", *files.OF_FRAMES)
                 sizes = {f"{sub}/{n}".lstrip("/"): size for sub in subs for n, size in here.sizes(sub).items()}
                 if any(sizes.get(name) != listed.bytes for name, listed in contents.files_of(part).items()):
                     return False
@@ -126,7 +126,7 @@ def tidy(folder: Store, shards: Iterable[Shard], study: Study) -> None:
         here = folder.sub(shard.folder)
         if here.names("log"):
             progress_of(folder, shard, study).remove_logs()
-        here.clear_leftovers("", files.IMAGES, files.RADIANCE)
+        here.clear_leftovers("", *files.OF_FRAMES)
 
 
 def index_frames(path: Address, own: Environment) -> tuple[int, int]:

@@ -105,9 +105,7 @@ class ShardProgress:
 
     def sizes(self) -> dict[str, int]:
         """Bytes of the files of frames, by name within the shard."""
-        return {
-            f"{sub}/{n}": size for sub in (files.IMAGES, files.RADIANCE) for n, size in self.here.sizes(sub).items()
-        }
+        return {f"{sub}/{n}": size for sub in files.OF_FRAMES for n, size in self.here.sizes(sub).items()}
 
     def _is_whole(self, entry: journal.Entry, sizes: dict[str, int]) -> bool:
         if any(sizes.get(name) != listed["bytes"] for name, listed in entry["files"].items()):
@@ -125,7 +123,7 @@ class ShardProgress:
 
     def clear_leftovers(self) -> None:
         """Remove temporary files of processes that are gone."""
-        self.here.clear_leftovers("", files.IMAGES, files.RADIANCE, "log")
+        self.here.clear_leftovers("", *files.OF_FRAMES, "log")
 
     def is_done(self, frame_id: int) -> bool:
         """Whether a frame is recorded and its files are there, with their recorded sizes."""

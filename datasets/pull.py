@@ -173,7 +173,7 @@ def _pull_part(work: _Pull, part: Part, ids: set[int] | None) -> dict[str, Any]:
             work.out.remove(files.MANIFEST)
             for name, data in tables.items():
                 here.write(name, data)
-    for sub in (files.IMAGES, files.RADIANCE):
+    for sub in files.OF_FRAMES:
         extra = [f"{sub}/{name}" for name in here.names(sub) if f"{sub}/{name}" not in record["files"]]
         here.remove(*extra)
     if not part.shard.folder:
@@ -189,7 +189,7 @@ def _differs(here: Store, name: str, data: bytes) -> bool:
 def _fetch(work: _Pull, part: Part, names: list[str], listed: dict[str, Listed], frames: int) -> None:
     """Fetch the files of frames that are not there yet, several at a time."""
     here, before = work.out.sub(part.shard.folder), work.pulled.frames
-    sizes = {f"{sub}/{n}": size for sub in (files.IMAGES, files.RADIANCE) for n, size in here.sizes(sub).items()}
+    sizes = {f"{sub}/{n}": size for sub in files.OF_FRAMES for n, size in here.sizes(sub).items()}
 
     def fetch(name: str) -> int:
         its = listed[name]
@@ -213,7 +213,7 @@ def _tables(
 ) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Tables, journal and record of frames of a shard: as they are, if these are all."""
     contents, shard = work.source, part.shard
-    own = [n for n in listed if not n.startswith((f"{files.IMAGES}/", f"{files.RADIANCE}/"))]
+    own = [n for n in listed if not files.is_of_a_frame(n)]
     found = {name: contents.read(part, name, _REMEDY) for name in own}
     if ids is None:
         if part.listed is None:

@@ -153,7 +153,7 @@ def _clean_shard(folder: Store, shard: Shard, study: Study, found: Damage) -> No
     missing = sorted(own - set(state.entries))
     found.frames += missing
     listed = {name for entry in state.entries.values() for name in entry["files"]}
-    for sub in (files.IMAGES, files.RADIANCE):
+    for sub in files.OF_FRAMES:
         extra = [f"{sub}/{name}" for name in here.names(sub) if f"{sub}/{name}" not in listed]
         _remove(here, extra + [f"{sub}/{name}" for name in here.leftovers(sub)], found)
     if missing or _altered(folder, shard):
@@ -180,7 +180,7 @@ def _altered(folder: Store, shard: Shard) -> bool:
                 return True
             listed = contents.own
         for name, its in listed.items():
-            if not name.startswith((f"{files.IMAGES}/", f"{files.RADIANCE}/")):
+            if not files.is_of_a_frame(name):
                 folder.read_checked(shard.name(name), its, "")
     except DataError:
         return True

@@ -11,6 +11,7 @@ from roundel.datasets.layout.camera_records import CameraRecords
 from roundel.datasets.layout.contents import Contents, Part, read_contents
 from roundel.datasets.layout.images import read_image
 from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.masks import decode_masks
 from roundel.datasets.layout.radiance import decode_radiance
 from roundel.datasets.numbers import other_numbers
 from roundel.datasets.resume import held_study
@@ -93,13 +94,13 @@ def _checked_part(contents: Contents, part: Part, full: bool, study: Study | Non
             yield from _checked_file(folder, shard.name(name), listed, full, sizes.get(name))
     here = folder.sub(shard.folder)
     if contents.complete:
-        for sub in (files.IMAGES, files.RADIANCE):
+        for sub in files.OF_FRAMES:
             for extra in here.names(sub):
                 if f"{sub}/{extra}" not in recorded:
                     yield Finding(shard.name(f"{sub}/{extra}"), "not in the manifest; `roundel repair` removes it")
         for extra in here.names(LOG):
             yield Finding(shard.name(f"{LOG}/{extra}"), "is left of an interrupted run; `roundel repair` removes it")
-    for sub in ("", files.IMAGES, files.RADIANCE):
+    for sub in ("", *files.OF_FRAMES):
         for temporary in here.leftovers(sub):
             yield Finding(shard.name(f"{sub}/{temporary}" if sub else temporary), "is left of a write")
     yield from _checked_journal(contents, part, recorded, study)
@@ -117,8 +118,7 @@ def _checked_journal(
         yield Finding(name, _without_place(error, contents.folder, name))
         return
     listed = {file for entry in entries.values() for file in entry["files"]}
-    frames = (f"{files.IMAGES}/", f"{files.RADIANCE}/")
-    for file in sorted(n for n in recorded if n.startswith(frames) and n not in listed):
+    for file in sorted(n for n in recorded if files.is_of_a_frame(n) and n not in listed):
         yield Finding(part.shard.name(file), "listed in the manifest but not in the journal; `roundel repair` mends it")
     if study is not None:
         for what in other_numbers(study, entries):
@@ -151,7 +151,8 @@ def _checked_file(
             if sha256(data) != listed.sha256:
                 yield Finding(name, "its sha256 is not the recorded one; `roundel repair` restores it")
             elif name.endswith(".exr"):
-                decode_radiance(data, folder.place(name))
+                decode = decode_masks if files.MASKS in name.split("/") else decode_radiance
+                decode(data, folder.place(name))
             elif name.endswith((".png", ".jpg")) and size_px is not None:
                 read_image(data, folder.place(name), size_px)
         except DataError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from roundel.datasets.layout.masks import RENDERING_VERSION
 from roundel.render.cuda import find_gpu
 from roundel.render.llvm import REMEDY, find_llvm, simd_width
 from roundel.scenes.errors import BackendError, UsageError, first_line
@@ -14,6 +15,9 @@ from roundel.scenes.world.frame import Frame
 DEFAULT_BACKEND = "llvm"
 BACKENDS = ("llvm", "cuda", "auto")
 DEFAULT_VARIANT = "llvm_ad_mono"
+
+# Raised when the same packages make other bytes of a frame: 2, depth is that of one surface in each pixel.
+_RENDERING = 2
 
 # Variants with the ink plugin registered: each variant has its own plugins.
 _with_ink: set[str] = set()
@@ -103,8 +107,8 @@ def environment(backend: str = DEFAULT_BACKEND) -> dict[str, Any]:
     Returns
     -------
     dict
-        `variant`, that of frames without colours; with it `llvm` and `simd_width`, or `gpu`, its `compute_capability`
-        and the version of the driver's interface, `cuda`.
+        `variant`, that of frames without colours, and `rendering_version`; with them `llvm` and `simd_width`, or `gpu`,
+        its `compute_capability` and the version of the driver's interface, `cuda`.
     """
     variant = f"{backend}_ad_mono"
     start(variant)
@@ -114,12 +118,14 @@ def environment(backend: str = DEFAULT_BACKEND) -> dict[str, Any]:
         gpu = find_gpu()
         return {
             "variant": variant,
+            RENDERING_VERSION: _RENDERING,
             "gpu": gpu.name,
             "compute_capability": int(dr.detail.cuda_compute_capability()),
             "cuda": f"{gpu.cuda[0]}.{gpu.cuda[1]}",
         }
     return {
         "variant": variant,
+        RENDERING_VERSION: _RENDERING,
         "llvm": ".".join(str(v) for v in dr.detail.llvm_version()),
         "simd_width": simd_width(),
     }

@@ -6,7 +6,7 @@ from typing import Any
 
 from roundel.datasets.flags import frame_flags
 from roundel.datasets.layout import files, journal
-from roundel.datasets.layout.radiance import Planes
+from roundel.datasets.layout.radiance import Planes, coverage_channel
 from roundel.datasets.store.store import Store
 from roundel.datasets.store.writing import sha256
 from roundel.render.sensor.develop import Developed
@@ -24,11 +24,6 @@ def image_file(frame: Frame, developed: Developed) -> dict[str, bytes]:
     else:
         data = jpeg_bytes(developed.image, sensor.jpeg_quality)
     return {files.image_name(frame.frame_id, sensor.image_suffix): data}
-
-
-def coverage_channel(marker_id: int) -> str:
-    """Name of the plane that holds a marker's coverage."""
-    return f"coverage.{marker_id}"
 
 
 def write_frame(folder: Store, written: dict[str, bytes]) -> dict[str, dict[str, Any]]:

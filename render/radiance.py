@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.layout.radiance import REPLICATES
+from roundel.render.depth import Distance, depth_plane
 from roundel.render.rays.rays import Optics, colour_index, optics_of, shoot
 from roundel.render.rays.sample_allocation import sample_map
 from roundel.render.rays.samples import GROUP, STRATIFIED, counts_of
-from roundel.render.scene.scene import build_scene, trace_built
-from roundel.render.scene.transport import is_plain, plain_scene, trace
+from roundel.render.scene.scene import build_scene, distance_to_surface, trace_built
+from roundel.render.scene.transport import distance_to_plane, is_plain, plain_scene, trace
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.study.sensor_section import filters_of
 from roundel.scenes.world.frame import Frame
@@ -36,8 +37,8 @@ _PATHS = 0x5BD1E995
 
 Array32 = NDArray[np.float32]
 
-# From a sampler and rays: radiance, depth, and for each sheet whether it is hit, and the position (x, y) on it, metres.
-Traced = tuple[Any, Any, list[tuple[Any, Any, Any]]]
+# From a sampler and rays: radiance, and for each sheet whether it is hit, and the position (x, y) on it, metres.
+Traced = tuple[Any, list[tuple[Any, Any, Any]]]
 Tracer = Callable[[Any, Any], Traced]
 # A part, and the index of its sheet.
 Placed = tuple[int, Part]
@@ -58,21 +59,23 @@ class _Shot:
 class Radiance:
     """Linear radiance of a frame, each array (H, W) float32.
 
-    `variance` is of the Monte-Carlo estimate `mean`; `depth_m` is Z (not the distance along the ray), 0 where nothing
-    is hit; `coverage[marker_id]` is the fraction of the pixel that the marker's print covers.
+    `variance` is of the Monte-Carlo estimate `mean`; `coverage[marker_id]` is the fraction of the pixel in which the
+    marker's print is seen; `depth_m` is that of `roundel.render.depth`, None if the study keeps none.
     """
 
     mean: Array32
     variance: Array32
-    depth_m: Array32
     coverage: dict[int, Array32]
+    depth_m: Array32 | None = None
 
 
 def render_radiance(mi: Any, frame: Frame) -> Radiance:
     """Render a frame, each pixel with as many rays as its target error needs."""
     import drjit as dr
 
-    shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), _tracer(dr, mi, frame))
+    tracer, distance = _tracers(dr, mi, frame)
+    shot = _Shot(dr, mi, frame, optics_of(dr, mi, frame), tracer)
+    depth = depth_plane(dr, mi, frame, shot.optics, distance) if frame.settings.render.keeps_depth else None
     parts = tuple((i, part) for i, view in enumerate(frame.views()) for part in view.sheet.parts)
 
     def estimate(pixels: NDArray[np.int64], samples: int, purpose: int, what: tuple[Placed, ...] = parts) -> Array32:
@@ -87,19 +90,19 @@ def render_radiance(mi: Any, frame: Frame) -> Radiance:
         planes = _in_groups(samples, lambda pixels, count: estimate(pixels, count, _PICTURE))
         # Waves have another size each time: Dr.Jit would keep memory for all of them.
         dr.flush_malloc_cache()
-        return _shaped(frame, parts, planes)
+        return _shaped(frame, parts, planes, depth)
     special = np.flatnonzero(samples != fewest)
     # Rendering a few extra pixels costs less than selecting all others.
     everywhere = len(special) < _FEW * len(samples)
     pixels = np.arange(len(samples)) if everywhere else np.flatnonzero(samples == fewest)
     planes = estimate(pixels, fewest, _PICTURE)
     if not everywhere:
-        some, planes = planes, np.zeros((3 + len(parts), len(samples)), dtype=np.float32)
+        some, planes = planes, np.zeros((2 + len(parts), len(samples)), dtype=np.float32)
         planes[:, pixels] = some
     for count in np.unique(samples[special]):
         pixels = special[samples[special] == count]
         planes[:, pixels] = estimate(pixels, int(count), _PICTURE)
-    return _shaped(frame, parts, planes)
+    return _shaped(frame, parts, planes, depth)
 
 
 def _in_groups(samples: NDArray[np.int64], estimate: Callable[[NDArray[np.int64], int], Array32]) -> Array32:
@@ -121,18 +124,18 @@ def _in_groups(samples: NDArray[np.int64], estimate: Callable[[NDArray[np.int64]
     return planes
 
 
-def _shaped(frame: Frame, parts: tuple[Placed, ...], planes: Array32) -> Radiance:
+def _shaped(frame: Frame, parts: tuple[Placed, ...], planes: Array32, depth: Array32 | None) -> Radiance:
     shaped = planes.reshape(len(planes), frame.camera.height_px, frame.camera.width_px)
-    coverage = {part.marker_id: shaped[3 + i] for i, (_, part) in enumerate(parts)}
-    return Radiance(shaped[0], shaped[1], shaped[2], coverage)
+    coverage = {part.marker_id: shaped[2 + i] for i, (_, part) in enumerate(parts)}
+    return Radiance(shaped[0], shaped[1], coverage, depth)
 
 
-def _tracer(dr: Any, mi: Any, frame: Frame) -> Tracer:
+def _tracers(dr: Any, mi: Any, frame: Frame) -> tuple[Tracer, Distance]:
     if is_plain(frame):
         plain = plain_scene(dr, mi, frame)
-        return lambda sampler, ray: trace(dr, mi, plain, sampler, ray)
+        return lambda sampler, ray: trace(dr, mi, plain, sampler, ray), lambda ray: distance_to_plane(dr, plain, ray)
     built = build_scene(mi, frame)
-    return lambda sampler, ray: trace_built(built, sampler, ray)
+    return lambda sampler, ray: trace_built(built, sampler, ray), lambda ray: distance_to_surface(built, ray)
 
 
 def _multijitter_count(samples: int) -> int:
@@ -142,7 +145,7 @@ def _multijitter_count(samples: int) -> int:
 
 
 def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, parts: tuple[Placed, ...]) -> Array32:
-    """Estimates (3 + parts, n) for n pixels: mean, variance, depth, coverage of each part."""
+    """Estimates (2 + parts, n) for n pixels: mean, variance, coverage of each part."""
     replicates = min(REPLICATES, samples)
     per_replicate = _multijitter_count(samples // replicates)
     per_chunk = max(1, _CHUNK // (per_replicate * replicates))
@@ -152,7 +155,7 @@ def _estimate(shot: _Shot, pixels: NDArray[np.int64], samples: int, seed: int, p
         out.append(_chunk(shot, chunk, (replicates, per_replicate), (seed + i) & 0xFFFFFFFF, parts))
     if len(out) == 1:
         return out[0]
-    return np.concatenate(out, axis=1) if out else np.zeros((3 + len(parts), 0), dtype=np.float32)
+    return np.concatenate(out, axis=1) if out else np.zeros((2 + len(parts), 0), dtype=np.float32)
 
 
 def _chunk(
@@ -175,8 +178,8 @@ def _chunk(
     row = index // width
     column = index - row * width
     ray, weight = shoot(dr, mi, shot.optics, column, row, sampler)
-    radiance, depth, sheets = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
-    quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight, depth]
+    radiance, sheets = shot.tracer(_path_sampler(shot, sampler, seed, rays), ray)
+    quantities = [_through_filter(dr, mi, frame, radiance, column, row) * weight]
     for which, part in parts:
         on_sheet, x_m, y_m = sheets[which]
         quantities.append(mi.Float(_covers(dr, mi, part, x_m, y_m) & on_sheet))

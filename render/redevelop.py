@@ -17,7 +17,7 @@ from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.contents import Contents, Part
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
-from roundel.datasets.layout.radiance import Planes, decode_radiance, encode_radiance, rounded
+from roundel.datasets.layout.radiance import Planes, decode_radiance, encode_planes, rounded
 from roundel.datasets.layout.schema import ManifestRecord
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.numbers import check_numbers
@@ -100,7 +100,7 @@ def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Store) -> 
     # Only the noise plane depends on the sensor; if it is equal, both datasets share the file.
     kept = np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
     if not kept:
-        written[name] = encode_radiance(planes | {"noise_dn": noise})
+        written[name] = encode_planes(planes | {"noise_dn": noise})
     clock.append(time.perf_counter())
     listed = write_frame(here, written)
     if kept:

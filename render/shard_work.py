@@ -13,12 +13,13 @@ import numpy as np
 from roundel.datasets.environment import Environment
 from roundel.datasets.fidelity.measure import measure_circle
 from roundel.datasets.layout import files, journal
-from roundel.datasets.layout.radiance import encode_radiance
+from roundel.datasets.layout.masks import only_masks
+from roundel.datasets.layout.radiance import coverage_channel, encode_planes
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.store.store import Store
 from roundel.datasets.work import Participant
 from roundel.render.backend import DEFAULT_BACKEND, start, variant_of
-from roundel.render.frame_files import coverage_channel, entry_of, image_file, write_frame
+from roundel.render.frame_files import entry_of, image_file, write_frame
 from roundel.render.sensor.develop import develop
 from roundel.scenes.study.study import Study
 from roundel.scenes.world.frame import Frame, frame_of
@@ -45,7 +46,9 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Store, 
     """Measure, develop and write a traced frame; needs no renderer."""
     clock = [time.perf_counter()]
     developed = develop(frame, radiance.mean)
-    planes = {"Y": radiance.mean, "Y.variance": radiance.variance, "Z": radiance.depth_m}
+    planes = {"Y": radiance.mean, "Y.variance": radiance.variance}
+    if radiance.depth_m is not None:
+        planes["Z"] = radiance.depth_m
     planes |= {coverage_channel(marker_id): plane for marker_id, plane in radiance.coverage.items()}
     fidelity = {
         str(part.marker_id): measure_circle(view, part.marker_id, radiance.mean, radiance.variance)
@@ -56,7 +59,9 @@ def _finished(frame: Frame, radiance: Radiance, render_s: float, folder: Store, 
     written = image_file(frame, developed)
     if frame.settings.render.radiance:
         noise = {"noise_dn": developed.noise_dn()}
-        written[files.radiance_name(frame.frame_id)] = encode_radiance(planes | noise)
+        written[files.radiance_name(frame.frame_id)] = encode_planes(planes | noise)
+    elif frame.settings.render.masks:
+        written[files.masks_name(frame.frame_id)] = encode_planes(only_masks(planes))
     clock.append(time.perf_counter())
     listed = write_frame(folder, written)
     clock.append(time.perf_counter())

@@ -28,13 +28,14 @@ RUN, RADIANCE = "roundel.render.shard_work", "roundel.render.radiance"
 STAGES = [
     (INTEGRATOR, RADIANCE, "_chunk"),
     ("scene", RADIANCE, "optics_of"),
-    ("scene", RADIANCE, "_tracer"),
+    ("scene", RADIANCE, "_tracers"),
+    ("depth", RADIANCE, "depth_plane"),
     ("sample map", RADIANCE, "sample_map"),
     ("sample map", RADIANCE, "counts_of"),
     ("gathering pixels", RADIANCE, "render_radiance"),
     ("develop", RUN, "develop"),
     ("fidelity", RUN, "measure_circle"),
-    (COMPRESSION, RUN, "encode_radiance"),
+    (COMPRESSION, RUN, "encode_planes"),
     ("PNG", RUN, "image_file"),
     ("checksums, writing", RUN, "write_frame"),
     ("journal entry", RUN, "entry_of"),
@@ -48,7 +49,7 @@ _WARM = 3
 
 def bare(frames: Iterator[Any]) -> Iterator[None]:
     """The minimum work: one frame's EXR is compressed while the next is traced."""
-    from roundel.datasets.layout.radiance import encode_radiance
+    from roundel.datasets.layout.radiance import encode_planes
     from roundel.render.backend import start
     from roundel.render.radiance import render_radiance
 
@@ -62,7 +63,7 @@ def bare(frames: Iterator[Any]) -> Iterator[None]:
                 yield
             # The fifth plane stands in for the noise plane, which has the same size.
             planes = {"Y": r.mean, "Y.variance": r.variance, "Z": r.depth_m, "noise_dn": r.mean**0.5}
-            before = pool.submit(encode_radiance, planes | {f"coverage.{i}": c for i, c in r.coverage.items()})
+            before = pool.submit(encode_planes, planes | {f"coverage.{i}": c for i, c in r.coverage.items()})
         if before is not None:
             before.result()
             yield
@@ -97,8 +98,9 @@ def run(frames: int, study_path: Path = STUDY, profile: bool = False) -> dict[st
 
     def whole(folder: Path) -> Iterator[None]:
         placed = (placing(study, i % total) for i in range(frames + _WARM + 1))
-        log = OwnLog(Folder(folder), {})
-        for entry, _ in shard_work.render_frames(placed, folder):
+        store = Folder(folder)
+        log = OwnLog(store, {})
+        for entry, _ in shard_work.render_frames(placed, store):
             append(log, {"entry": entry})
             truth(frame_of(study, entry["frame_id"]))
             yield

@@ -6,7 +6,8 @@ files: Names of the files of a dataset
 images: Images and cameras of a dataset: everything that a solver may open
 journal: The journal of a finished shard: one line per frame, sorted, each with a checksum of its own
 manifest: The manifest of a dataset, read and checked; that of each shard, where there are several
-radiance: Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance
+masks: Depth and coverage of a frame's markers: from its radiance, or from masks/ where the radiance is not kept
+radiance: Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance, depth and coverage
 schema: The records of a dataset as strict schemas: what is read from disk has every key, in range, and no other
 shards: Shards: a dataset's frames in folders of a fixed number, each complete in itself
 sweeps: Position of a frame in its group's sweep; equal positions are the same frame at different levels

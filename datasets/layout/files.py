@@ -18,6 +18,9 @@ TIMINGS = "timings.jsonl"
 SHARD = "shard.json"
 IMAGES = "images"
 RADIANCE = "radiance"
+MASKS = "masks"
+# Folders with the files of frames; all else in a shard are tables and records.
+OF_FRAMES = (IMAGES, RADIANCE, MASKS)
 
 # That of the longest study that is read.
 MOST_STUDY_BYTES = 16 << 20
@@ -31,6 +34,16 @@ def image_name(frame_id: int, suffix: str = ".png") -> str:
 def radiance_name(frame_id: int) -> str:
     """Path of a frame's radiance within its shard."""
     return f"{RADIANCE}/{frame_id:06d}.exr"
+
+
+def masks_name(frame_id: int) -> str:
+    """Path of a frame's depth and coverage within its shard, where they are kept without the radiance."""
+    return f"{MASKS}/{frame_id:06d}.exr"
+
+
+def is_of_a_frame(name: str) -> bool:
+    """Whether a file within a shard belongs to a single frame: it is no table and no record."""
+    return name.startswith(tuple(f"{folder}/" for folder in OF_FRAMES))
 
 
 def check_no_dataset(out: Path) -> None:

@@ -1,7 +1,8 @@
-"""Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance.
+"""Linear radiance on disk: OpenEXR, float32, with its Monte-Carlo variance, depth and coverage.
 
-Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres (0: nothing was hit),
-`coverage.<marker_id>`, `noise_dn` standard deviation of the developed pixel.
+Channels: `Y` radiance, `Y.variance`, `Z` depth along the optical axis in metres, of the surface at the pixel's centre
+(0: nothing was hit), `coverage.<marker_id>`, `noise_dn` standard deviation of the developed pixel. Where the radiance
+is not kept, `Z` and the coverage may be: masks/ (`roundel.datasets.layout.masks`).
 """
 
 from __future__ import annotations
@@ -39,7 +40,12 @@ def rounded(channel: str, plane: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(bits & np.uint32(0xFFFFFFFF << dropped & 0xFFFFFFFF)).view(np.float32)
 
 
-def encode_radiance(planes: Planes) -> bytes:
+def coverage_channel(marker_id: int) -> str:
+    """Name of the plane that holds a marker's coverage."""
+    return f"coverage.{marker_id}"
+
+
+def encode_planes(planes: Planes) -> bytes:
     """The bytes of an EXR file with these planes, each (H, W) float32, `rounded`."""
     import OpenEXR
 
@@ -48,13 +54,13 @@ def encode_radiance(planes: Planes) -> bytes:
     # The library writes only to named files; the dataset's write protocol needs bytes.
     try:
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "radiance.exr"
+            path = Path(folder) / "planes.exr"
             OpenEXR.File(header, channels).write(str(path))
             return path.read_bytes()
     except (OSError, RuntimeError) as error:
         # The library's own error does not say that the temporary folder is full.
         raise DataError(
-            f"{tempfile.gettempdir()}: cannot write radiance there (is it full?); free some space, or set TMPDIR"
+            f"{tempfile.gettempdir()}: cannot write an EXR file there (is it full?); free some space, or set TMPDIR"
         ) from error
 
 
@@ -80,6 +86,17 @@ def decode_radiance(data: bytes, place: str) -> Planes:
     DataError
         If it is truncated, or not a Roundel radiance file.
     """
+    return decode_planes(data, place, "Y", "radiance")
+
+
+def decode_planes(data: bytes, place: str, channel: str, what: str) -> Planes:
+    """Planes of an EXR file, by channel, of which one must be there and finite; `what` it is, for messages.
+
+    Raises
+    ------
+    DataError
+        If the file is truncated, or has no such channel.
+    """
     import OpenEXR
 
     try:
@@ -91,8 +108,8 @@ def decode_radiance(data: bytes, place: str) -> Planes:
                 planes = {n: np.array(c.pixels, dtype=np.float32) for n, c in opened.channels().items()}
     except Exception as error:  # the binding raises bare RuntimeError, OSError and its own types alike
         raise DataError(f"{place}: truncated or not an EXR file; render the dataset again") from error
-    if "Y" not in planes or not np.all(np.isfinite(planes["Y"])):
-        raise DataError(f"{place}: has no finite radiance channel Y; render the dataset again")
+    if channel not in planes or not np.all(np.isfinite(planes[channel])):
+        raise DataError(f"{place}: has no finite {what} channel {channel}; render the dataset again")
     return planes
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from roundel.datasets.layout.files import IMAGES, RADIANCE
+from roundel.datasets.layout.files import IMAGES, MASKS, RADIANCE
 from roundel.datasets.store.store import MOST_BYTES, is_confined
 from roundel.scenes.errors import DataError
 
@@ -87,7 +87,7 @@ class EntryRecord(BaseModel):
     @model_validator(mode="after")
     def _own_files(self) -> EntryRecord:
         stem = f"{self.frame_id:06d}"
-        own = {f"{IMAGES}/{stem}.png", f"{IMAGES}/{stem}.jpg", f"{RADIANCE}/{stem}.exr"}
+        own = {f"{IMAGES}/{stem}.png", f"{IMAGES}/{stem}.jpg", f"{RADIANCE}/{stem}.exr", f"{MASKS}/{stem}.exr"}
         other = sorted(set(self.files) - own)
         if other:
             raise ValueError(f"files: {other[0][:80]!r} is no file of frame {self.frame_id}")

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.datasets.layout.contents import Part
-from roundel.datasets.layout.files import RADIANCE
-from roundel.datasets.layout.radiance import Planes, decode_radiance
+from roundel.datasets.layout.masks import masks_of
+from roundel.datasets.layout.radiance import Planes
 from roundel.datasets.stream.masks import Outline, covered_window, outline_of
 from roundel.scenes.camera.model import Camera, project
 from roundel.scenes.errors import NotComparableError
@@ -243,7 +242,7 @@ def frame_source(
         number = dataset.contents.place_of(index)[0]
         record, camera = dataset.images.records[index], dataset.images.camera(index)
         frame_id = int(record["frame_id"])
-        planes = _planes_of(dataset, dataset.contents.parts[number], frame_id) if masks else None
+        planes = masks_of(dataset.contents, dataset.contents.parts[number], frame_id) if masks else None
         if planes is not None and not depth:
             planes = {name: plane for name, plane in planes.items() if name != "Z"}
         printed = {int(m["marker_id"]): m for m in record["markers"] if m["diameter_m"] is not None}
@@ -252,13 +251,6 @@ def frame_source(
         return Frame(frame_id, str(record["group"]), split_of(index), camera, record, markers, dataset, index, planes)
 
     return frame
-
-
-def _planes_of(dataset: Dataset, part: Part, frame_id: int) -> Planes | None:
-    name = f"{RADIANCE}/{frame_id:06d}.exr"
-    if name not in dataset.contents.files_of(part):
-        return None
-    return decode_radiance(dataset.contents.read(part, name), dataset.contents.folder.place(part.shard.name(name)))
 
 
 def _marker(row: dict[str, Any], printed: dict[str, Any], camera: Camera, planes: Planes | None) -> Marker:

@@ -172,6 +172,18 @@ def _moved(dr: Any, mi: Any, twist: list[Any], time: Any, point: Any, direction:
     return mi.Point3f(turned(mi.Vector3f(point)) + shift), turned(direction)
 
 
+def _mid_exposure(mi: Any, optics: Optics, row: Any) -> Any:
+    return (mi.Float(row) - optics.centre_row) * optics.row_s
+
+
+def _at_time(dr: Any, mi: Any, optics: Optics, time: Any, origin: Any, direction: Any) -> tuple[Any, Any]:
+    """A ray of the camera frame at `time`, where the scene was then."""
+    for twist in (optics.camera_twist, optics.sheet_twist):
+        if twist is not None:
+            origin, direction = _moved(dr, mi, twist, time, origin, direction)
+    return origin, direction
+
+
 def _chief(dr: Any, mi: Any, optics: Optics, x: Any, y: Any) -> Any:
     """Direction that the lens images at normalised image coordinates, by inverting the distortion."""
     if optics.model == "fisheye":
@@ -225,10 +237,32 @@ def shoot(dr: Any, mi: Any, optics: Optics, column: Any, row: Any, sampler: Any)
             weight = dr.select(dr.squared_norm(at) <= dr.square(optics.barrel), weight, 0.0)
     time = mi.Float(0.0)
     if optics.exposure_s is not None:
-        time = (mi.Float(row) - optics.centre_row) * optics.row_s + (sampler.next_1d() - 0.5) * optics.exposure_s
-        if optics.camera_twist is not None:
-            origin, direction = _moved(dr, mi, optics.camera_twist, time, origin, direction)
-        if optics.sheet_twist is not None:
-            origin, direction = _moved(dr, mi, optics.sheet_twist, time, origin, direction)
+        time = _mid_exposure(mi, optics, row) + (sampler.next_1d() - 0.5) * optics.exposure_s
+        origin, direction = _at_time(dr, mi, optics, time, origin, direction)
     ray = mi.Ray3f(origin, dr.normalize(direction), time, mi.Color0f())
     return mi.RayDifferential3f(ray), weight
+
+
+def central_ray(dr: Any, mi: Any, optics: Optics, column: Any, row: Any) -> tuple[Any, Any]:
+    """The one ray through the centre of each pixel and of the lens, at mid-exposure of the pixel's row.
+
+    Neither aperture, diffraction nor the magnification of a colour: it is the ray of the camera of record.
+
+    Parameters
+    ----------
+    column, row : UInt32
+        Position of the pixel.
+
+    Returns
+    -------
+    ray : Ray3f
+    axial : Float
+        Cosine of its angle to the optical axis: Z over the distance along the ray.
+    """
+    y = (mi.Float(row) - optics.cy) / optics.fy
+    x = (mi.Float(column) - optics.cx - optics.skew * y) / optics.fx
+    chief = dr.normalize(_chief(dr, mi, optics, x, y))
+    origin, direction = dr.zeros(mi.Point3f, dr.width(x)), chief
+    if optics.exposure_s is not None:
+        origin, direction = _at_time(dr, mi, optics, _mid_exposure(mi, optics, row), origin, direction)
+    return mi.Ray3f(origin, direction, mi.Float(0.0), mi.Color0f()), chief.z

@@ -136,14 +136,20 @@ def _own(mi: Any, frame: Frame, around: Surroundings) -> dict[str, Any]:
     return found | (emitters(mi, frame) if around.is_lit_by_the_study else {})
 
 
-def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
+def distance_to_surface(built: Built, ray: Any) -> Any:
+    """Distance (Float) along unit rays to the first surface of any kind, metres; 0 where there is none."""
+    import drjit as dr
+
+    met = built.scene.ray_intersect_preliminary(ray, coherent=True)
+    return dr.select(met.is_valid(), met.t, 0.0)
+
+
+def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
     """Radiance along rays, by one of Mitsuba's integrators, or in a world by `roundel.render.scene.paths`.
 
     Returns
     -------
     radiance : Spectrum
-    depth : Float
-        Z of the first hit, metres; 0 where nothing is hit.
     sheets : list of (Bool, Float, Float)
         For each sheet whether the first hit is its print (or the wall that it is printed on), not an object in front of
         it, and the position x, y on its paper, metres.
@@ -152,24 +158,21 @@ def trace_built(built: Built, sampler: Any, ray: Any) -> tuple[Any, Any, list[tu
 
     if built.direct is not None:
         radiance, hit = direct_radiance(built.mi, built.scene, built.direct, sampler, ray)
-        return radiance * built.unit, *_seen(built, hit)
+        return radiance * built.unit, _seen(built, hit)
     if built.lit is None:
         radiance, _, _ = built.integrator.sample(built.scene, sampler, ray)
-        return radiance * built.unit, *_seen(built, built.scene.ray_intersect(ray))
+        return radiance * built.unit, _seen(built, built.scene.ray_intersect(ray))
     first = first_landing(built.lit, sampler, ray)
     seen = _seen(built, first.hit)
     # With the first wave: later, all rays would be traced again.
     dr.schedule(seen)
-    return follow(built.lit, first, built.bounces) * built.unit, *seen
+    return follow(built.lit, first, built.bounces) * built.unit, seen
 
 
-def _seen(built: Built, hit: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
-    """Depth of what rays meet first; for each sheet, whether it is that, and where on its paper."""
-    import drjit as dr
-
+def _seen(built: Built, hit: Any) -> list[tuple[Any, Any, Any]]:
+    """For each sheet, whether it is what rays meet first, and where on its paper."""
     valid = hit.is_valid()
-    sheets = [(valid & (hit.shape == sheet.pointer), *sheet.texture.on_paper(hit)) for sheet in built.sheets]
-    return dr.select(valid, hit.p.z, 0.0), sheets
+    return [(valid & (hit.shape == sheet.pointer), *sheet.texture.on_paper(hit)) for sheet in built.sheets]
 
 
 def _integrator(frame: Frame) -> dict[str, Any]:

@@ -186,22 +186,31 @@ def _past_the_wall(dr: Any, mi: Any, scene: PlainScene, ray: Any) -> Any:
     return emitter.eval(there) * unit
 
 
-def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[Any, Any, list[tuple[Any, Any, Any]]]:
+def distance_to_plane(dr: Any, scene: PlainScene, ray: Any) -> Any:
+    """Distance (Float) along unit rays to the plane of sheet and wall, metres; 0 where it is not hit."""
+    distance, _, on_plane, _, _ = _landing(dr, scene, ray)
+    return dr.select(on_plane, distance, 0.0)
+
+
+def _landing(dr: Any, scene: PlainScene, ray: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """Where rays meet the plane: distance, point, whether it is on the plane, and its coordinates there, metres."""
+    distance = dr.dot(scene.origin - ray.o, scene.normal) / dr.dot(ray.d, scene.normal)
+    hit = ray.o + ray.d * distance
+    x, y = scene.texture.in_plane(hit)
+    return distance, hit, (distance > 0) & (dr.abs(x) < scene.half) & (dr.abs(y) < scene.half), x, y
+
+
+def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[Any, list[tuple[Any, Any, Any]]]:
     """Radiance along rays.
 
     Returns
     -------
     radiance : Spectrum
-    depth : Float
-        Z of the hit point, metres; 0 where the plane is not hit.
     sheets : list of (Bool, Float, Float)
         Whether the plane of the sheet is hit, and the position on it, metres.
     """
-    distance = dr.dot(scene.origin - ray.o, scene.normal) / dr.dot(ray.d, scene.normal)
-    hit = ray.o + ray.d * distance
-    x, y = scene.texture.in_plane(hit)
+    _, hit, on_plane, x, y = _landing(dr, scene, ray)
     # One face of the plane is printed; the other reflects nothing.
-    on_plane = (distance > 0) & (dr.abs(x) < scene.half) & (dr.abs(y) < scene.half)
     printed = dr.dot(ray.d, scene.normal) < 0
     reflectance = scene.texture.reflectance_at(x, y)
     if scene.gloss is None:
@@ -211,7 +220,7 @@ def trace(dr: Any, mi: Any, scene: PlainScene, sampler: Any, ray: Any) -> tuple[
             dr, mi, scene.gloss, scene.normal, scene.sky, scene.lamps, reflectance, sampler, hit, ray
         )
     radiance = dr.select(on_plane, dr.select(printed, reflected, mi.Spectrum(0.0)), _past_the_wall(dr, mi, scene, ray))
-    return radiance, dr.select(on_plane, hit.z, 0.0), [(on_plane, x, y)]
+    return radiance, [(on_plane, x, y)]
 
 
 def _arriving(dr: Any, mi: Any, scene: PlainScene, sampler: Any, hit: Any) -> Any:

@@ -50,6 +50,15 @@ class RenderSection(Section):
     band_px: float = Field(default=2.0, ge=1.0, le=64.0, description="half width of the band around an edge, px")
     bounces: int = Field(default=1, ge=1, le=16, description="reflections between light and camera; 1 is direct light")
     radiance: bool = Field(default=True, description="whether to keep radiance/*.exr")
+    masks: bool = Field(
+        default=False,
+        description="whether to keep depth and coverage of each marker where the radiance is not kept: masks/*.exr",
+    )
+
+    @property
+    def keeps_depth(self) -> bool:
+        """Whether depth and coverage are kept, beside the radiance or without it."""
+        return self.radiance or self.masks
 
 
 class PointsSection(Section):

@@ -73,6 +73,11 @@ def test_without_coverage_what_is_hidden_is_refused(tmp_path: Path, capsys: pyte
     assert main(["export", str(bare.path), str(tmp_path / "free"), "--format", "coco", "--groups", "free"]) == 0
     found = json.loads((tmp_path / "free" / "annotations" / "instances_train.json").read_text())
     assert len(found["annotations"]) == 2
+    # With masks alone, everything is there.
+    kept = rendered(tmp_path / "kept", STUDY.replace("radiance: true", "radiance: false, masks: true"))
+    assert main(["export", str(kept.path), str(tmp_path / "bop"), "--format", "bop"]) == 0
+    assert len(list((tmp_path / "bop").rglob("depth/*.png"))) == len(kept)
+    assert main(["verify", str(tmp_path / "bop"), "--against", str(kept.path)]) == 0
     # Nothing of what is hidden is needed for these.
     assert main(["export", str(bare.path), str(tmp_path / "croissant"), "--format", "croissant"]) == 0
 

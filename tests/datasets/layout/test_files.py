@@ -70,7 +70,7 @@ def test_a_journal_names_no_file_outside_its_frame() -> None:
 
 
 def test_planes_are_rounded_to_what_they_are_worth(tmp_path: Path) -> None:
-    from roundel.datasets.layout.radiance import encode_radiance, read_radiance, rounded
+    from roundel.datasets.layout.radiance import encode_planes, read_radiance, rounded
 
     random = np.random.default_rng(3)
     plane = np.exp(random.uniform(-20, 5, (40, 50))).astype(np.float32)
@@ -83,6 +83,6 @@ def test_planes_are_rounded_to_what_they_are_worth(tmp_path: Path) -> None:
         assert stored[0, 1] == 1
         np.testing.assert_array_equal(rounded(channel, stored), stored)
     path = tmp_path / "x.exr"
-    path.write_bytes(encode_radiance({"Y": plane, "noise_dn": plane}))
+    path.write_bytes(encode_planes({"Y": plane, "noise_dn": plane}))
     np.testing.assert_array_equal(read_radiance(path)["noise_dn"], rounded("noise_dn", plane))
     np.testing.assert_array_equal(read_radiance(path)["Y"], plane)
