@@ -88,6 +88,8 @@ def do_verify(arguments: argparse.Namespace) -> int:
     number = sum(1 for _ in read_contents(path).listed())
     print(f"{path}: {number} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
     print("\n".join(fidelity_lines(manifest.get("fidelity"))))
+    if manifest.get("reference"):
+        print(f"poses: a reference measured from the {manifest['reference']['board']} in each photograph, no truth")
     return 0
 
 
@@ -141,3 +143,10 @@ def do_pull(arguments: argparse.Namespace) -> int:
     state = "the whole dataset" if pulled.complete else "a part of the dataset"
     print(f"{arguments.out}: {pulled.frames} frames, {pulled.fetched} files of frames fetched: {state}")
     return 0
+
+
+def do_import(arguments: argparse.Namespace) -> int:
+    """Make a dataset from photographs."""
+    from roundel.cli.ingest.import_verb import import_photographs
+
+    return import_photographs(arguments)

@@ -16,6 +16,9 @@ ROWS = "rows.parquet"
 JOURNAL = "journal.jsonl"
 TIMINGS = "timings.jsonl"
 SHARD = "shard.json"
+# Of imported photographs: where the poses come from, and the camera with its covariance.
+REFERENCE = "reference.parquet"
+CAMERA = "camera.json"
 IMAGES = "images"
 RADIANCE = "radiance"
 
