@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 _AFTER_INTERRUPT = {
     **dict.fromkeys(("render", "develop", "run", "league"), "; rendered frames are kept"),
     "solve": "; run the same command again",
-    **dict.fromkeys(("validate", "calibrate", "compare"), "; no results are written"),
+    **dict.fromkeys(("validate", "calibrate", "compare", "import"), "; no results are written"),
 }
 
 

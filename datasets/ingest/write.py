@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 from collections.abc import Sequence
@@ -20,8 +21,9 @@ from roundel.datasets.layout.shards import SHARD_FRAMES
 from roundel.datasets.layout.truth_table import csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.records import identity_of, study_bytes
 from roundel.datasets.store.folder import Folder
+from roundel.datasets.store.owner import is_gone, own_name
 from roundel.datasets.store.records import document_of
-from roundel.datasets.store.writing import make_folder, sha256, sync_folder, temporary_name, write_failure
+from roundel.datasets.store.writing import make_folder, sha256, sync_folder, write_failure
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import UsageError
 from roundel.scenes.markers.marker import Sheet
@@ -29,6 +31,9 @@ from roundel.scenes.study.study import Study
 from roundel.scenes.truth.measured import measured_row
 
 NOT_RENDERED = "photographs: nothing was rendered"
+
+# Of the folder in which a dataset grows.
+_PART = ".import"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +98,26 @@ def write_import(out: str | Path, what: Import) -> dict[str, Any]:
     check_free(out)
     if len(what.photographs) > SHARD_FRAMES:
         raise UsageError(f"{len(what.photographs)} photographs are too many: import at most {SHARD_FRAMES:,} at a time")
-    temporary = temporary_name(out)
+    target = out.absolute()
+    temporary = target.with_name(f".{target.name}.{own_name()}{_PART}")
     try:
+        _clear_leftovers(target)
         make_folder(temporary)
         manifest = _write(Folder(temporary), what)
-        os.replace(temporary, out)
-        sync_folder(out.absolute().parent)
+        os.replace(temporary, target)
+        sync_folder(target.parent)
     except OSError as error:
         raise write_failure(out, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return manifest
+
+
+def _clear_leftovers(target: Path) -> None:
+    """Remove what killed processes left of the same dataset."""
+    for old in target.parent.glob(f".{glob.escape(target.name)}.*{_PART}"):
+        if is_gone(old.name.removesuffix(_PART).rpartition(".")[2]):
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def _write(folder: Folder, what: Import) -> dict[str, Any]:

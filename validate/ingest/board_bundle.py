@@ -29,8 +29,9 @@ _MOST_STEPS = 30
 _SMALL_STEP = 1e-6
 # Rounds of measuring the noise of each photograph; the third changes it by less than a percent.
 _ROUNDS = 3
-# Degrees of freedom with which the noise of all photographs counts for that of one: a board of twelve corners has 18.
-_POOLED = 10.0
+# Degrees of freedom with which the noise of all photographs counts for that of one: a board of six corners, which has
+# six itself, is not taken for exact by chance. More would make the pose of a sharp photograph less certain than it is.
+_POOLED = 2.0
 # An excess of this many standard deviations of a chi-square per degree of freedom is no chance.
 _CHANCE = 3.0
 

@@ -120,7 +120,9 @@ def _charuco(levels: Array, board: Part, longest: int) -> BoardCorners | None:
     if np.linalg.matrix_rank(points[:, :2] - points[:, :2].mean(axis=0)) < 2:
         return None
     pixels = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * scale - 0.5
-    side = _square_px(points, pixels, square)
+    # A window of the refinement ends where the tags begin.
+    clear = (square - float(keys["tag_m"])) / 2 / square
+    side = _square_px(points, pixels, square) * min(1.0, clear / 0.4)
     return BoardCorners(points, refined_corners(levels, pixels, side))
 
 

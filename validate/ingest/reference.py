@@ -70,9 +70,10 @@ def calibrated(boards: Sequence[BoardCorners], size_px: tuple[int, int], coeffic
     kept, left_out = list(range(len(boards))), dict[int, str]()
     while True:
         if len(kept) < LEAST_PHOTOGRAPHS:
+            reasons = "; of others: " + "; ".join(sorted(set(left_out.values()))) if left_out else ""
             raise NotComparableError(
                 f"{len(kept)} photographs with the board are too few to calibrate a camera: take "
-                f"{LEAST_PHOTOGRAPHS} or more, or give --camera FILE"
+                f"{LEAST_PHOTOGRAPHS} or more, or give --camera FILE{reasons}"
             )
         camera = _first_camera([boards[i] for i in kept], size_px, coefficients)
         poses, unclear = _poses(boards, kept, camera)
