@@ -171,8 +171,8 @@ def _report(out: Path, manifest: dict[str, Any], measured: Measured, calibrated:
     )
     if fit.widened > 1:
         print(
-            "the photographs contradict each other by more than the noise of their corners (a bent sheet, a moving camera "
-            f"or focus?): all standard deviations are widened {fit.widened:.1f} times"
+            "the photographs contradict each other by more than the noise of their corners (a bent sheet, a moving "
+            f"camera or focus?): all standard deviations are widened {fit.widened:.1f} times"
         )
     own = reference["sigma"]
     print(
