@@ -18,7 +18,7 @@ METHODS = (
 )  # fmt: skip
 KINDS = (
     "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code", "two_discs", "dot_ring",
-    "disc_with_chessboard", "chessboard", "circle_grid", "charuco", "tags", "stag",
+    "disc_with_chessboard", "disc_with_charuco", "chessboard", "circle_grid", "charuco", "tags", "stag",
 )  # fmt: skip
 PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (

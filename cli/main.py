@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 _AFTER_INTERRUPT = {
     **dict.fromkeys(("render", "develop", "run", "league"), "; rendered frames are kept"),
     "solve": "; run the same command again",
-    **dict.fromkeys(("validate", "calibrate", "compare", "browse"), "; no results are written"),
+    **dict.fromkeys(("validate", "calibrate", "compare", "browse", "import"), "; no results are written"),
     **dict.fromkeys(("export", "card"), "; nothing is written"),
 }
 

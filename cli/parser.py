@@ -17,6 +17,7 @@ from roundel.cli.arguments import (
     positive,
     views,
 )
+from roundel.cli.ingest.arguments import add_import
 from roundel.cli.usage import Parser
 
 EXIT_STATUS = (
@@ -53,6 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_studies(add)
     _add_rendering(add)
     _add_exporting(add)
+    add_import(add)
     _add_solving(add)
     _add_scoring(add)
     _add_league(add)
@@ -371,7 +373,7 @@ def _add_tools(add: AddVerb) -> None:
         "kind",
         metavar="KIND",
         help="disc, disc_with_tick, ring, rings, coded_rings, ring_code, dot_code, two_discs, dot_ring, "
-        "disc_with_chessboard, chessboard, circle_grid, charuco, tags, stag",
+        "disc_with_chessboard, disc_with_charuco, chessboard, circle_grid, charuco, tags, stag",
     )
     marker.add_argument("out", type=on_disk, metavar="OUT", help="file to write, .pdf or .svg")
     marker.add_argument("--diameter-m", type=positive, metavar="D", help="diameter of the circle (default 0.08)")

@@ -108,6 +108,12 @@ class Dataset:
         return dict(self.manifest["study"])
 
     @property
+    def reference(self) -> dict[str, Any] | None:
+        """Where the poses of imported photographs come from; None if the frames were rendered, and poses are truth."""
+        found: dict[str, Any] | None = self.manifest.get("reference")
+        return found
+
+    @property
     def cameras(self) -> list[Camera]:
         """The camera of each frame."""
         return [self.images.camera(i) for i in range(len(self.images))]

@@ -94,6 +94,8 @@ def pull_dataset(
     manifest, record = read_manifest(store)
     if frames is not None and record.schema_ == 1:
         raise UsageError(f"{address}: is of an older version of Roundel; pull it whole, without --frames")
+    if frames is not None and record.reference is not None:
+        raise UsageError(f"{address}: holds imported photographs; pull them all, without --frames")
     work = _Pull(contents, manifest, target, progress)
     wanted = {part: ids for part in contents.parts if (ids := _wanted(work, part, frames)) is None or ids}
     if frames is not None and not any(_has(part, ids, frames) for part, ids in wanted.items()):

@@ -17,7 +17,7 @@ from roundel.datasets.layout.contents import read_contents
 from roundel.datasets.layout.manifest import read_manifest, read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.records import study_bytes
-from roundel.datasets.resume import held_study
+from roundel.datasets.resume import held_study, refuse_imported
 from roundel.datasets.store.store import LOG, Listed, Store
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.scenes.study.study import Study, load_study
@@ -45,8 +45,9 @@ def study_to_repair(folder: Store, source: str | Path | None) -> Study:
     DataError
         If neither can be read.
     UsageError
-        If the given study is another one.
+        If the given study is another one, or the dataset holds imported photographs.
     """
+    refuse_imported(folder)
     study = _own_study(folder) if source is None else load_study(source)
     # Frames of another study would be taken for damage, and removed.
     known = _identities(folder)

@@ -60,14 +60,32 @@ def _begun_by_version_1(folder: Store) -> bool:
     return journal.is_old(first)
 
 
+def refuse_imported(folder: Store) -> None:
+    """Refuse what needs frames that were rendered.
+
+    Raises
+    ------
+    UsageError
+        If the dataset holds imported photographs.
+    """
+    if folder.size(files.REFERENCE) is not None:
+        raise UsageError(
+            f"{folder}: holds imported photographs, of which nothing was rendered: they cannot be rendered, developed, "
+            "joined or repaired; run `roundel import` again"
+        )
+
+
 def held_study(folder: Store) -> Study:
-    """The study of a dataset.
+    """The study of a dataset that was rendered.
 
     Raises
     ------
     DataError
         If it is missing or corrupt.
+    UsageError
+        If the dataset holds imported photographs.
     """
+    refuse_imported(folder)
     place = folder.place(files.STUDY)
     data = folder.read(files.STUDY, most=files.MOST_STUDY_BYTES)  # refuses links and devices
     try:

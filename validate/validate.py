@@ -97,7 +97,8 @@ def validate_dataset(
     Raises
     ------
     UsageError
-        If a file does not exist, `extent_D` is not positive, or `out_path` is a file or a dataset.
+        If a file does not exist, `extent_D` is not positive, `out_path` is a file or a dataset, or a camera is given
+        for imported photographs.
     DataError
         If the dataset or an estimate is corrupt.
     NotComparableError
@@ -109,7 +110,13 @@ def validate_dataset(
     files = [find_estimates(path) for path in estimates_paths]
     # Read even if no board needs it, because a missing file is always an error.
     reference_camera = None if camera_path is None else read_camera(camera_path)
-    views = look_for_boards(dataset.images, progress=progress)
+    if dataset.reference is not None and camera_path is not None:
+        raise UsageError(
+            f"--camera: {dataset_path} holds imported photographs, whose reference poses are fixed; leave it out, or "
+            "import them with --camera"
+        )
+    # The poses of imported photographs are those of their boards: to compare the two would say nothing.
+    views = [] if dataset.reference is not None else look_for_boards(dataset.images, progress=progress)
     camera = "true" if camera_path is None else f"calibrated:{Path(camera_path).stem}"
     settings = {
         "reprojection_extent_D": float(extent_D),

@@ -259,6 +259,8 @@ def do_validate(arguments: argparse.Namespace) -> int:
             scheduler=arguments.scheduler,
         )
     print(terminal_table(summary))
+    if "reference" in summary.dataset:
+        print(summary.dataset["reference"]["sentence"])
     print(f"report: {out / 'report.html'}")
     return 0
 

@@ -100,6 +100,8 @@ def do_verify(arguments: argparse.Namespace) -> int:
     number = sum(1 for _ in read_contents(path).listed())
     print(f"{path}: {number} files, {depth}; dataset_id {manifest['dataset_id'][:12]}")
     print("\n".join(fidelity_lines(manifest.get("fidelity"))))
+    if manifest.get("reference"):
+        print(f"poses: a reference measured from the {manifest['reference']['board']} in each photograph, no truth")
     return 0
 
 
@@ -180,3 +182,10 @@ def do_browse(arguments: argparse.Namespace) -> int:
         frames = browse_dataset(readable(arguments.dataset), out, arguments.report, arguments.images, show)
     print(f"{out / 'index.html'}: {frames} frames")
     return 0
+
+
+def do_import(arguments: argparse.Namespace) -> int:
+    """Make a dataset from photographs."""
+    from roundel.cli.ingest.import_verb import import_photographs
+
+    return import_photographs(arguments)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.markers.marker import Bar, Checker, Disc, Shape, Sheet
+from roundel.scenes.markers.marker import Bar, Cells, Checker, Disc, Shape, Sheet
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,23 @@ def _of_shape(shape: Shape, beneath: float, softness_m: float) -> list[Outline]:
             if (i + j) % 2 == 0
         ]
         return [Outline(step, softness_m, corners_m=_rectangle(x, y, side, side)) for x, y in places]
+    if isinstance(shape, Cells):
+        return [Outline(step, softness_m, corners_m=corners) for corners in _runs_of_cells(shape)]
     raise TypeError(f"cannot outline a {type(shape).__name__}")
+
+
+def _runs_of_cells(shape: Cells) -> list[Array]:
+    """Rectangles around neighbouring cells of ink in a row of a tag; a side that two rows share adds up to nothing."""
+    side, (width, height) = shape.cell_m, shape.span_m()
+    found = []
+    table = shape.table()
+    for row, column, line in np.ndindex(table.shape[:3]):
+        ink = np.diff(np.concatenate([[0], table[row, column, line].astype(np.int8), [0]]))
+        left = shape.x_m - width / 2 + column * shape.pitch_m
+        y = shape.y_m + height / 2 - row * shape.pitch_m - (line + 0.5) * side
+        for start, stop in zip(np.flatnonzero(ink == 1), np.flatnonzero(ink == -1), strict=True):
+            found.append(_rectangle(left + (start + stop) / 2 * side, y, (stop - start) * side, side))
+    return found
 
 
 def outlines_of(sheet: Sheet) -> tuple[Outline, list[Outline]]:

@@ -301,6 +301,29 @@ class ShardRecord(BaseModel):
         return self
 
 
+class _ReferenceSigma(BaseModel):
+    model_config = _STRICT
+    normal_deg: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    position_m: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    position_pct: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class ReferenceRecord(BaseModel):
+    """Where the poses of imported photographs come from: they are measured, and no truth.
+
+    `sigma` has their standard deviations, RMS over the circles; `photographs` the original name of each frame, and
+    `left_out` why others have none.
+    """
+
+    model_config = _STRICT
+    kind: Literal["board"]
+    board: Literal["chessboard", "charuco"]
+    camera: Literal["photographs", "file"]
+    sigma: _ReferenceSigma
+    photographs: Annotated[list[str], Field(min_length=1)]
+    left_out: dict[str, str] = {}
+
+
 class ManifestRecord(BaseModel):
     """manifest.json."""
 
@@ -326,6 +349,7 @@ class ManifestRecord(BaseModel):
     developed_from: Digest | None = None
     truth_salted_sha256: Digest | None = None
     shards: list[PartRecord] | None = None
+    reference: ReferenceRecord | None = None
 
     @model_validator(mode="after")
     def _names(self) -> ManifestRecord:

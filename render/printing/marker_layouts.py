@@ -18,6 +18,7 @@ _OF_DIAMETER: dict[str, dict[str, float]] = {
     "two_discs": {"second_diameter_m": 0.5, "spacing_m": 1.0},
     "dot_ring": {"ring_diameter_m": 2.5},
     "disc_with_chessboard": {"gap_m": 0.25},
+    "disc_with_charuco": {"gap_m": 0.25},
 }
 _RINGS = (1.0, 0.7, 0.4)
 # simittag's s16m, ID 0x1234: four rings of 24 cells.
@@ -81,6 +82,9 @@ def _raw(kind: str, diameter_m: float | None, keys: dict[str, Any]) -> dict[str,
             raw |= {name: round(diameter * share, 9) for name, share in _OF_DIAMETER.get(kind, {}).items()}
         if kind == "disc_with_chessboard":
             raw["chessboard"] = {"columns": 4, "rows": 3, "square_m": round(diameter / 4, 9)}
+        if kind == "disc_with_charuco":
+            square, tag = round(diameter / 4, 9), round(diameter * 0.18, 9)
+            raw["charuco"] = {"columns": 5, "rows": 4, "square_m": square, "tag_m": tag}
     for name, value in keys.items():
         outer, dot, inner = name.partition(".")
         if dot:

@@ -227,16 +227,30 @@ class DiscWithChessboardSection(_Print):
     chessboard: BoardKeys = Field(description="the chessboard")
 
 
-class CharucoSection(_Print):
+class CharucoKeys(Section):
     """OpenCV's ChArUco board: `columns` by `rows` squares, with a tag in each white square."""
 
-    kind: Literal["charuco"] = Field(description="OpenCV's ChArUco board")
     columns: int = Field(ge=2, le=60, description="squares along X")
     rows: int = Field(ge=2, le=60, description="squares along Y")
     square_m: Positive = Field(description="side of a square, m")
     tag_m: Positive = Field(description="side of a tag, m")
     family: TagFamily = Field(default="aruco_4x4_50", description="dictionary of the tags")
     first_id: int = Field(default=0, ge=0, description="identifier of the first tag")
+
+
+class CharucoSection(_Print, CharucoKeys):
+    """A ChArUco board alone."""
+
+    kind: Literal["charuco"] = Field(description="OpenCV's ChArUco board")
+
+
+class DiscWithCharucoSection(_Print):
+    """A disc with a ChArUco board beside it on the same sheet."""
+
+    kind: Literal["disc_with_charuco"] = Field(description="a disc with a ChArUco board beside it")
+    diameter_m: Positive = Field(description="diameter of the disc, m")
+    gap_m: Positive = Field(description="distance from the edge of the disc to that of the board, m")
+    charuco: CharucoKeys = Field(description="the ChArUco board")
 
 
 class TagBoardSection(_Print):
@@ -273,6 +287,7 @@ Marker = Annotated[
     | ChessboardSection
     | DiscWithChessboardSection
     | CharucoSection
+    | DiscWithCharucoSection
     | TagBoardSection
     | StagSection,
     Field(discriminator="kind"),
@@ -292,6 +307,7 @@ KINDS: dict[str, type[Section]] = {
     "chessboard": ChessboardSection,
     "disc_with_chessboard": DiscWithChessboardSection,
     "charuco": CharucoSection,
+    "disc_with_charuco": DiscWithCharucoSection,
     "tags": TagBoardSection,
     "stag": StagSection,
 }
@@ -302,5 +318,5 @@ CALIBRATION_BOARDS = ("chessboard", "circle_grid")
 # Kinds whose first part is a circle.
 CIRCULAR = (
     *("disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "dot_code"),
-    *("two_discs", "dot_ring", "disc_with_chessboard"),
+    *("two_discs", "dot_ring", "disc_with_chessboard", "disc_with_charuco"),
 )

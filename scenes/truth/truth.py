@@ -48,28 +48,31 @@ def edge_blur_px(frame: Frame, part: Part) -> float:
     return float(np.sqrt(camera.pixel_side**2 / 12 + defocus + spread_px(camera)[0] ** 2 + length2 / 24))
 
 
-def _vector(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
+def vector_columns(prefix: str, suffix: str, values: NDArray[np.float64]) -> dict[str, float]:
+    """A vector (3,) as columns `prefix_x`, `_y`, `_z`, each with the suffix."""
     return {f"{prefix}_{axis}{suffix}": float(v) for axis, v in zip("xyz", values, strict=True)}
 
 
-def _matrix(name: str, matrix: NDArray[np.float64]) -> dict[str, float]:
+def matrix_columns(name: str, matrix: NDArray[np.float64]) -> dict[str, float]:
+    """A matrix (4, 4) as columns `name_00` to `name_33`."""
     return {f"{name}_{i}{j}": float(matrix[i, j]) for i in range(4) for j in range(4)}
 
 
-def _circle_truth(camera: Camera, pose: NDArray[np.float64], radius_m: float) -> dict[str, Any]:
+def circle_truth(camera: Camera, pose: NDArray[np.float64], radius_m: float) -> dict[str, Any]:
+    """Conic, ellipse and second candidate of a circle, as columns."""
     conic = conic_of_circle(pose, radius_m, camera.K)
     other_normal, other_centre = other_candidate(pose[:3, 2], pose[:3, 3], radius_m)
     names = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
     return {
         **{f"conic_{i}{j}": float(conic[i, j]) for i, j in _UPPER},
         **{name: float(v) for name, v in zip(names, ellipse_of_conic(conic), strict=True)},
-        **_vector("other_normal", "", other_normal),
-        **_vector("other_centre", "_m", other_centre),
+        **vector_columns("other_normal", "", other_normal),
+        **vector_columns("other_centre", "_m", other_centre),
     }
 
 
 # Columns that do not apply to a board, or to a circle on a bent sheet, whose image is no conic.
-_NO_CIRCLE: dict[str, Any] = {
+NO_CIRCLE: dict[str, Any] = {
     **{f"conic_{i}{j}": None for i, j in _UPPER},
     **dict.fromkeys(("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")),
     **{f"other_normal_{axis}": None for axis in "xyz"},
@@ -103,14 +106,14 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         "group": frame.group,
         "kind": part.kind,
         "radius_m": part.radius_m,
-        **_matrix("camera_from_marker", pose),
-        **_vector("normal", "", normal),
-        **_vector("centre", "_m", centre),
+        **matrix_columns("camera_from_marker", pose),
+        **vector_columns("normal", "", normal),
+        **vector_columns("centre", "_m", centre),
         "distance_m": distance_m,
         "distance_D": distance_m / (2 * part.radius_m) if part.radius_m else None,
         "tilt_deg": float(tilt),
         "azimuth_deg": float(azimuth),
-        **(_circle_truth(camera, pose, part.radius_m) if has_conic and part.radius_m else _NO_CIRCLE),
+        **(circle_truth(camera, pose, part.radius_m) if has_conic and part.radius_m else NO_CIRCLE),
         "centre_image_x_px": float(centre_px[0]),
         "centre_image_y_px": float(centre_px[1]),
         **{f"vanishing_line_{i}": float(v) for i, v in enumerate(line)},
@@ -127,6 +130,6 @@ def _row(frame: Frame, part: Part) -> dict[str, Any]:
         "edge_outside_e": None,
         "edge_blur_px": edge_blur_px(frame, part),
         "edge_softness_m": frame.sheet.edge_softness_m,
-        **_matrix("open_camera_from_marker", frame.camera_from_part(part, -frame.motion.exposure_s / 2)),
-        **_matrix("close_camera_from_marker", frame.camera_from_part(part, frame.motion.exposure_s / 2)),
+        **matrix_columns("open_camera_from_marker", frame.camera_from_part(part, -frame.motion.exposure_s / 2)),
+        **matrix_columns("close_camera_from_marker", frame.camera_from_part(part, frame.motion.exposure_s / 2)),
     }

@@ -199,17 +199,31 @@ def _tag_layout(section: Any, **sizes: float) -> dict[str, Any]:
     return {**counts, **sizes, "family": section.family, "first_id": section.first_id}
 
 
-def _charuco(section: sections.CharucoSection, ink: float, paper: float) -> _Print:
-    _refuse_inverted(section, "a ChArUco board")
-    columns, rows, square, tag = section.columns, section.rows, float(section.square_m), float(section.tag_m)
+def _charuco_board(keys: Any, marker_id: int, x: float, ink: float) -> tuple[list[Shape], Part, float]:
+    """Shapes of a ChArUco board, its part, and its finest detail."""
+    columns, rows, square, tag = keys.columns, keys.rows, float(keys.square_m), float(keys.tag_m)
     if tag >= square:
         raise ValueError("marker.tag_m: a tag must be smaller than its square")
-    grid = charuco_grid(section.family, section.first_id, columns, rows)
-    cells = Cells(0.0, 0.0, columns, rows, square, tag, grid.shape[2], grid.tobytes(), ink)
+    grid = charuco_grid(keys.family, keys.first_id, columns, rows)
+    cells = Cells(x, 0.0, columns, rows, square, tag, grid.shape[2], grid.tobytes(), ink)
     size = columns * square, rows * square
-    part = Part(0, "charuco", 0.0, 0.0, None, _tag_layout(section, square_m=square, tag_m=tag), size)
-    checker = Checker(0.0, 0.0, square, columns - 1, rows - 1, ink)
-    return _Print([checker, cells], [part], min(cells.cell_m, (square - tag) / 2))
+    part = Part(marker_id, "charuco", x, 0.0, None, _tag_layout(keys, square_m=square, tag_m=tag), size)
+    checker = Checker(x, 0.0, square, columns - 1, rows - 1, ink)
+    return [checker, cells], part, min(cells.cell_m, (square - tag) / 2)
+
+
+def _charuco(section: sections.CharucoSection, ink: float, paper: float) -> _Print:
+    _refuse_inverted(section, "a ChArUco board")
+    shapes, part, finest = _charuco_board(section, 0, 0.0, ink)
+    return _Print(shapes, [part], finest)
+
+
+def _disc_with_charuco(section: sections.DiscWithCharucoSection, ink: float, paper: float) -> _Print:
+    _refuse_inverted(section, "a ChArUco board")
+    radius, keys = section.diameter_m / 2, section.charuco
+    shapes, part, finest = _charuco_board(keys, 1, radius + section.gap_m + keys.columns * keys.square_m / 2, ink)
+    disc = Disc(0.0, 0.0, radius, ink)
+    return _Print([disc, *shapes], [Part(0, "disc", 0.0, 0.0, radius), part], min(2 * radius, finest, section.gap_m))
 
 
 def _tags(section: sections.TagBoardSection, ink: float, paper: float) -> _Print:
@@ -246,6 +260,7 @@ _KINDS: dict[str, Callable[[Any, float, float], _Print]] = {
     "chessboard": _chessboard,
     "disc_with_chessboard": _disc_with_chessboard,
     "charuco": _charuco,
+    "disc_with_charuco": _disc_with_charuco,
     "tags": _tags,
     "stag": _stag,
 }

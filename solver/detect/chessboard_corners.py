@@ -98,13 +98,24 @@ def detect_corners(image: ArrayLike, columns: int, rows: int) -> Array | None:
     if not found or corners.size != 2 * columns * rows:
         return None
     grid = np.asarray(corners, dtype=np.float64).reshape(rows, columns, 2)
-    return _upright(_refined(levels, grid), levels).reshape(-1, 2)
+    return _upright(refined_corners(levels, grid), levels).reshape(-1, 2)
 
 
-def _refined(levels: Array, grid: Array) -> Array:
-    """The corners refined by `cornerSubPix`, in the largest window without another corner."""
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
-    window = int(np.clip(0.4 * min(steps), 2, 8))
+def refined_corners(levels: Array, grid: Array, square_px: float | None = None) -> Array:
+    """Corners refined by `cornerSubPix`, in the largest window without another corner.
+
+    Parameters
+    ----------
+    levels : (H, W) array
+        From `grey`.
+    grid : (rows, columns, 2) or (N, 2) array
+        The corners, to a pixel.
+    square_px : float, optional
+        Smallest side of a square; default: that of the grid.
+    """
+    if square_px is None:
+        square_px = float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)))
+    window = int(np.clip(0.4 * square_px, 2, 8))
     # The window must contain twice this blur, or it cuts the Gaussian's tails and the iteration drifts.
     sigma = min(1.5, window / 4)
     smooth = cv2.GaussianBlur(levels.astype(np.float32), (0, 0), sigma)
@@ -114,7 +125,7 @@ def _refined(levels: Array, grid: Array) -> Array:
     moved = np.asarray(refined, dtype=np.float64).reshape(grid.shape)
     # For tilted squares of 15 px the detector is off by a pixel, which the refinement may correct. A correction of more
     # than a quarter of a square has locked on something else, such as a glint, and the detector's corner is kept.
-    wandered = np.linalg.norm(moved - grid, axis=-1, keepdims=True) > 0.25 * min(steps)
+    wandered = np.linalg.norm(moved - grid, axis=-1, keepdims=True) > 0.25 * square_px
     return np.where(wandered, grid, moved)
 
 

@@ -255,6 +255,20 @@ def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
     return np.ascontiguousarray(pixels)
 
 
+def as_stored(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Upright pixels (H, W[, C]) as the file stores them: the inverse of what the orientation tag asks for.
+
+    All photographs of a camera are alike as they are stored, however it was held: they share one K.
+    """
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    return np.ascontiguousarray(pixels)
+
+
 def _photo(decoded: _Decoded, curve: ResponseCurve | None) -> Photo:
     pixels = decoded.pixels
     if pixels.size == 0:

@@ -95,7 +95,8 @@ def confidence_band(fit: EllipseFit, level: float = 0.95, count: int = 128, poin
 
 def find(view: View) -> list[Found]:
     """Both poses of each circle, from the guaranteed ellipse of its edge points."""
-    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "disc_with_chessboard")
+    boards = "disc_with_chessboard", "disc_with_charuco"
+    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", *boards)
     return [
         Found(ellipse=circle.ellipse, confidence=circle.confidence)
         for circle in circles_of_view(view, method="guaranteed")

@@ -110,7 +110,8 @@ def most_parallel(normals: ArrayLike, tolerance_deg: float = _PARALLEL_DEG) -> P
 
 def find(view: View) -> list[Found]:
     """Both poses of each circle; of several circles in one plane, the parallel ones are chosen."""
-    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", "disc_with_chessboard")
+    boards = "disc_with_chessboard", "disc_with_charuco"
+    require_kind(view, "disc", "disc_with_tick", "ring", "rings", "coded_rings", "ring_code", *boards)
     circles = circles_of_view(view)
     if not circles:
         return []

@@ -24,6 +24,11 @@ MARKERS: dict[str, dict[str, Any]] = {
         "gap_m": 0.01,
         "chessboard": {"columns": 5, "rows": 4, "square_m": 0.015},
     },
+    "disc_with_charuco": {
+        "diameter_m": 0.08,
+        "gap_m": 0.01,
+        "charuco": {"columns": 5, "rows": 4, "square_m": 0.02, "tag_m": 0.015},
+    },
     "charuco": {"columns": 5, "rows": 4, "square_m": 0.03, "tag_m": 0.02, "first_id": 3},
     "circle_grid": {"columns": 4, "rows": 5, "spacing_m": 0.02, "diameter_m": 0.014, "layout": "asymmetric"},
     "stag": {"tag_m": 0.08, "id": 3},

@@ -175,7 +175,12 @@ def calibration_summary(dataset: Dataset, views: list[BoardView], calibration: C
 
 
 def errors_of_frames(dataset: Dataset, camera: Camera, frame_ids: set[int]) -> dict[str, float]:
-    """`calibration_errors` against the true camera of these frames; empty if they have more than one."""
+    """`calibration_errors` against the true camera of these frames.
+
+    Empty if they have more than one, or none: that of imported photographs was calibrated itself.
+    """
+    if dataset.reference is not None:
+        return {}
     index, cameras = frame_cameras(dataset)
     used = {index[frame_id] for frame_id in frame_ids}
     return calibration_errors(camera, cameras[used.pop()]) if len(used) == 1 else {}

@@ -34,7 +34,8 @@ def sentences(summary: Summary) -> list[str]:
     runs = [r for r in summary.runs if r["reference"] == "truth" and r["method"] != CHESSBOARD]
     circles = "circle" if main["n"] == 1 else "circles"
     bare = detected_without_pose(main)
-    found = [
+    found = [data["reference"]["sentence"]] if "reference" in data else []
+    found += [
         f"Method {main['method']} found {main['solved'] + bare} of {main['n']} {circles} in {data['frames']} frames; "
         + _false_sentence(main)
     ]
@@ -121,7 +122,8 @@ def commands(summary: Summary) -> list[str]:
     runs = [r for r in summary.runs if r["method"] != CHESSBOARD]
     methods = list(dict.fromkeys(r["method"] for r in runs))
     labels = list(dict.fromkeys(r["intrinsics"] for r in runs))
-    lines = ["roundel render DATASET/study.yaml DATASET"]
+    imported = "reference" in summary.dataset
+    lines = ["roundel import PHOTOS DATASET --sheet SHEET" if imported else "roundel render DATASET/study.yaml DATASET"]
     settings, camera = summary.settings, ""
     reference = settings.get("reference_intrinsics") or ""
     for label in dict.fromkeys(x for x in (*labels, reference) if x.startswith("calibrated:")):

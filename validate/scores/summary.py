@@ -228,6 +228,7 @@ def summarise(
             "groups": dict(Counter(dataset.images.groups)),
             "sweeps": sweep_keys(dataset.manifest),
             "fidelity": _fidelity(manifest.get("fidelity")),
+            **({} if dataset.reference is None else {"reference": _reference(dataset.reference)}),
         },
         settings={"gate_px": GATE_PX, "gate_fraction_of_minor_semi_axis": GATE_FRACTION, **settings},
         runs=runs,
@@ -240,6 +241,20 @@ def summarise(
         metrics=[{key: getattr(metric, key) for key in _DEFINITION} for metric in METRICS],
         versions={"validate": versions(), "render": manifest.get("versions")},
     )
+
+
+def _reference(reference: dict[str, Any]) -> dict[str, Any]:
+    """What a report says of the measured poses of photographs, with its sentence."""
+    sigma, source = reference["sigma"], "the same photographs"
+    source = source if reference["camera"] == "photographs" else "a calibration of its own"
+    sentence = (
+        f"These are photographs: their poses are a reference measured from the {reference['board']} beside each "
+        f"circle, with the camera of {source}, and no truth; its own standard deviation is "
+        f"{number(sigma['normal_deg'])}\N{DEGREE SIGN} (normal) and {number(sigma['position_pct'])} % of the distance "
+        "(centre), and errors below it are not resolved."
+    )
+    keys = ("kind", "board", "camera", "sigma")
+    return {**{key: reference[key] for key in keys}, "sentence": sentence}
 
 
 def image_widths(dataset: Dataset) -> Callable[[Rows], Array]:

@@ -18,7 +18,7 @@ from roundel.scenes.markers.outlines import outlines
 from roundel.scenes.study.marker_section import KINDS
 
 POINT_MM = 25.4 / 72.0
-SMALL = {"dot_ring": 0.03, "disc_with_chessboard": 0.05}
+SMALL = {"dot_ring": 0.03, "disc_with_chessboard": 0.05, "disc_with_charuco": 0.05}
 
 
 def section_of(kind: str, **keys):
@@ -102,7 +102,7 @@ def distance_to_edges(sheet, points_m):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 @pytest.mark.parametrize("inverted", [False, True])
 def test_the_print_is_what_the_renderer_renders(tmp_path, kind, inverted):
-    if inverted and kind in ("chessboard", "charuco", "disc_with_chessboard"):
+    if inverted and kind in ("chessboard", "charuco", "disc_with_chessboard", "disc_with_charuco"):
         pytest.skip("boards are dark on light")
     section = section_of(kind, **({"inverted": True} if inverted else {}))
     pdf, page = written(tmp_path, section)

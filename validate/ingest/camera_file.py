@@ -1,0 +1,85 @@
+"""The camera of an import as a camera file, and back: parameters with their covariance."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.scenes.camera.model import Camera, camera_to_json
+from roundel.scenes.errors import DataError
+from roundel.validate.calibration.opencv import read_camera
+from roundel.validate.ingest.board_bundle import BoardFit, names_of
+
+Array = NDArray[np.float64]
+
+
+def camera_to_file(fit: BoardFit, camera: Camera, board: str, photographs: Sequence[str]) -> dict[str, Any]:
+    """A camera file: the camera keys of `cameras.json`, and the parameters with their covariance.
+
+    Parameters
+    ----------
+    fit : BoardFit
+    camera : Camera
+        That of the fit, with what else is known of it.
+    board : str
+        Its kind.
+    photographs : sequence of str
+        Names of those that the camera was calibrated from.
+    """
+    return {
+        **camera_to_json(camera),
+        "calibration": {
+            "board": board,
+            "rms_px": float(np.sqrt(np.mean(fit.rms_px**2))),
+            "views": len(photographs),
+            "photographs": list(photographs),
+            "group": None,
+            "dataset_id": None,
+            "opencv": cv2.__version__,
+            "widened": fit.widened,
+            "parameters": list(fit.parameters),
+            "sigma": dict(zip(fit.parameters, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)),
+            "covariance": fit.covariance.tolist(),
+        },
+    }
+
+
+def read_camera_covariance(path: str | Path) -> tuple[Camera, Array | None]:
+    """The camera of a camera file, and the covariance (c, c) of its parameters; None if the file has none.
+
+    Parameters that the covariance does not have, such as the coefficients that a calibration left at zero, are exact.
+
+    Raises
+    ------
+    UsageError
+        If there is no such file.
+    DataError
+        If it is not a camera file, its lens is not OpenCV's, or its covariance is damaged.
+    """
+    camera = read_camera(path)
+    if camera.distortion_model != "opencv" or camera.K[0, 1] != 0 or camera.magnification:
+        raise DataError(f"{path}: an import needs OpenCV's lens model without skew; calibrate the camera so")
+    record = json.loads(Path(path).read_text(encoding="utf-8")).get("calibration")
+    if not isinstance(record, dict) or "covariance" not in record:
+        return camera, None
+    names = names_of(camera)
+    try:
+        known = [str(name) for name in record["parameters"]]
+        given = np.array(record["covariance"], dtype=np.float64)
+        sound = given.shape == (len(known), len(known)) and bool(np.isfinite(given).all())
+    except (KeyError, TypeError, ValueError):
+        sound = False
+    if not sound or not np.all(np.linalg.eigvalsh(given) > -1e-9 * np.abs(given).max()):
+        raise DataError(f"{path}: its covariance is damaged; calibrate the camera again")
+    covariance = np.zeros((len(names), len(names)))
+    own = [(i, known.index(name)) for i, name in enumerate(names) if name in known]
+    for i, a in own:
+        for j, b in own:
+            covariance[i, j] = given[a, b]
+    return camera, covariance
