@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 BOARDS = ("chessboard", "charuco")
 
-# Longer sides of the reductions in which a board is looked for: the search takes seconds in an image of twelve
-# megapixels, and finds no more in it.
+# Longer sides of the reductions in which a board is looked for, one after another: the search takes seconds in an image
+# of twelve megapixels, and finds no more in it.
 _SEARCH_PX = (1600, 3200)
 # A pose has six unknowns; six corners of a ChArUco board, not in a line, leave as many residuals.
 _LEAST_CORNERS = 6
@@ -75,11 +75,9 @@ def find_board(image: ArrayLike, board: Part) -> BoardCorners | None:
         None if it was not found.
     """
     levels = grey(image)
-    for longest in _SEARCH_PX:
-        found = _chessboard(levels, board, longest) if board.kind == "chessboard" else _charuco(levels, board, longest)
-        if found is not None or max(levels.shape) <= longest:
-            return found
-    return None
+    search = _chessboard if board.kind == "chessboard" else _charuco
+    sizes = dict.fromkeys(min(longest, max(levels.shape)) for longest in _SEARCH_PX)
+    return next((found for longest in sizes if (found := search(levels, board, longest)) is not None), None)
 
 
 def _reduced(levels: Array, longest: int) -> tuple[Array, float]:
