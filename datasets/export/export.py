@@ -266,6 +266,7 @@ def _record(dataset: Dataset, name: str, form: Format, splits: Splits, counts: d
             "images_sha256": images.images_sha256,
             "licence": dataset.manifest["licence"],
             "complete": images.complete,
+            "poses": "reference" if dataset.reference else "truth",
         },
         "frames": sum(counts.values()),
         "splits": {"by": splits.by, "seed": splits.seed, "fractions": list(splits.fractions), "frames": counts},

@@ -28,11 +28,19 @@ def about_dataset(dataset: Dataset, counts: dict[str, int], url: str = "") -> di
     manifest = dataset.manifest
     version = manifest.get("versions", {}).get("roundel", "")
     frames = sum(counts.values())
-    description = (
-        f"{frames} ray-traced images of circular markers with the exact truth of each pose, rendered by Roundel "
-        f"{version} from the study {manifest['name']!r}."
-    )
-    cite = f"Dataset {manifest['name']}, rendered by Roundel {version}, dataset_id {manifest['dataset_id'][:12]}."
+    if manifest.get("reference"):
+        made = "imported"
+        description = (
+            f"{frames} photographs of a circular marker. Its poses are no truth: they are measured from the board "
+            f"beside it in each photograph, and imported by Roundel {version}."
+        )
+    else:
+        made = "rendered"
+        description = (
+            f"{frames} ray-traced images of circular markers with the exact truth of each pose, rendered by Roundel "
+            f"{version} from the study {manifest['name']!r}."
+        )
+    cite = f"Dataset {manifest['name']}, {made} by Roundel {version}, dataset_id {manifest['dataset_id'][:12]}."
     return {
         "name": manifest["name"],
         "licence": manifest["licence"],

@@ -10,6 +10,8 @@ from helpers_albums import CAMERA, jpeg_of, sheet_study
 from helpers_reports import sheet_image
 
 from roundel.datasets.dataset import open_dataset
+from roundel.datasets.export.check import check_against, read_export
+from roundel.datasets.export.export import export_dataset
 from roundel.datasets.ingest.photographs import Photograph, suffix_of
 from roundel.datasets.ingest.sheet import marker_of_study, parts_of, scaled_marker, study_of_photographs
 from roundel.datasets.ingest.write import Import, write_import
@@ -17,6 +19,7 @@ from roundel.datasets.merge import merge_datasets
 from roundel.datasets.pull import pull_dataset
 from roundel.datasets.repair import study_to_repair
 from roundel.datasets.store.folder import Folder
+from roundel.datasets.stream.splits import Splits
 from roundel.datasets.verify import verify_dataset
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.camera.response_curve import SRGB
@@ -182,3 +185,18 @@ def test_images_are_known_by_their_first_bytes():
     assert suffix_of(b"\xff\xd8\xff\xe1....") == ".jpg"
     assert suffix_of(b"\x89PNG\r\n") == ".png"
     assert suffix_of(b"GIF89a") is None
+
+
+def test_exports_and_the_card_say_that_poses_are_a_reference(tmp_path, imported):
+    write_import(tmp_path / "walk", imported)
+    dataset = open_dataset(tmp_path / "walk")
+    for name in ("coco", "huggingface", "croissant"):
+        export_dataset(dataset, tmp_path / name, name, Splits())
+        record = read_export(tmp_path / name)
+        assert record["dataset"]["poses"] == "reference"
+        assert check_against(tmp_path / name, record, dataset) == []
+        card = json.loads((tmp_path / name / "card.json").read_text())
+        assert card["poses"] == "reference"
+        assert "no truth" in card["description"]
+        assert not any("render" in line for line in card["reproduce"])
+    assert "no truth" in (tmp_path / "huggingface" / "README.md").read_text()
