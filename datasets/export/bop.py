@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.export.output import Output, json_bytes
-from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_json
+from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes, read_json, read_picture
 from roundel.datasets.stream.frames import Frame, Marker
 from roundel.datasets.stream.masks import box_of
 from roundel.scenes.camera.model import distorts
@@ -240,12 +240,10 @@ def _read_frame(
     infos: list[dict[str, Any]],
     models: dict[str, Any],
 ) -> ReadFrame:
-    from roundel.datasets.export.reading import read_picture
-
     name, place = f"{frame_id:06d}", f"{scene}: image {frame_id}"
-    image = next((f for f in ("rgb", "gray") for _ in [0] if list((scene / f).glob(f"{name}.*"))), None)
-    if image is None:
-        raise DataError(f"{place}: is missing")
+    images = [file for folder in ("rgb", "gray") for file in (scene / folder).glob(f"{name}.*")]
+    if len(images) != 1:
+        raise DataError(f"{place}: has {len(images)} files in rgb and gray, not one")
     try:
         depth = scene / "depth" / f"{name}.png"
         depth_m = camera["depth_scale"] / 1000 * read_picture(depth).astype(np.float64) if depth.exists() else None
@@ -267,7 +265,6 @@ def _read_frame(
                 )
             )
         k = np.reshape(np.array(camera["cam_K"], dtype=np.float64), (3, 3))
-        file = next((scene / image).glob(f"{name}.*"))
-        return ReadFrame(frame_id, split, k=k, image=file.read_bytes(), depth_m=depth_m, markers=markers)
+        return ReadFrame(frame_id, split, k=k, image=read_bytes(images[0]), depth_m=depth_m, markers=markers)
     except (KeyError, ValueError, TypeError) as error:
         raise DataError(f"{place}: is not as BOP has it: {type(error).__name__} at {error}") from error

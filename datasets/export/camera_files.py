@@ -223,6 +223,6 @@ def read_camera(folder: Path) -> ReadFrame:
             projection = np.reshape(np.array(data["projection_matrix"]["data"], dtype=np.float64), (3, 4))
             if not np.array_equal(projection[:, :3], k):
                 raise ValueError("projection_matrix is not camera_matrix")
-        return ReadFrame(-1, "", k, tuple(float(v) for v in numbers), (int(size[0]), int(size[1])))
+        return ReadFrame(None, "", k, tuple(float(v) for v in numbers), (int(size[0]), int(size[1])))
     except (yaml.YAMLError, KeyError, ValueError, TypeError, IndexError) as error:
         raise DataError(f"{path}: is not as the format has it: {' '.join(str(error).split())[:120]}") from error

@@ -106,7 +106,7 @@ def _head(about: dict[str, Any], categories: dict[str, int]) -> dict[str, Any]:
     }
 
 
-def corner_k(frame: Frame) -> list[list[float]]:
+def _corner_k(frame: Frame) -> list[list[float]]:
     """The calibration matrix for coordinates from the corner of the first pixel."""
     k = frame.camera.K.copy()
     k[:2, 2] += CORNER_PX
@@ -121,7 +121,7 @@ def _image(frame: Frame, name: str) -> dict[str, Any]:
         "height": frame.camera.height_px,
         "license": 1,
         "group": frame.group,
-        "K": corner_k(frame),
+        "K": _corner_k(frame),
         "distortion_model": frame.record.get("distortion_model", "opencv"),
         "distortion": [float(v) for v in frame.camera.distortion],
     }

@@ -17,11 +17,9 @@ import yaml
 
 from roundel.datasets.export.output import Output
 from roundel.datasets.export.reading import ReadFrame
-from roundel.datasets.export.sample import CONVENTION, LEFT_OUT, read_sample, sample_of
+from roundel.datasets.export.sample import CONVENTION, read_sample, sample_of
 from roundel.datasets.stream.frames import Frame
 from roundel.scenes.errors import DataError
-
-__all__ = ["LEFT_OUT", "read_huggingface", "write_huggingface"]
 
 _ROWS = 100  # of a row group: readers hold one in memory
 _FILE_FRAMES = 2000

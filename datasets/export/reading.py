@@ -38,9 +38,9 @@ class ReadMarker:
 
 @dataclass(frozen=True)
 class ReadFrame:
-    """A frame as a format has it; what it does not have is None."""
+    """A frame as a format has it; what it does not have is None, its number, too."""
 
-    frame_id: int
+    frame_id: int | None
     split: str
     k: Array | None = None
     distortion: tuple[float, ...] | None = None

@@ -16,11 +16,9 @@ from typing import Any
 
 from roundel.datasets.export.output import Output, json_bytes
 from roundel.datasets.export.reading import ReadFrame
-from roundel.datasets.export.sample import LEFT_OUT, read_sample, sample_of
+from roundel.datasets.export.sample import read_sample, sample_of
 from roundel.datasets.stream.frames import Frame
 from roundel.scenes.errors import DataError
-
-__all__ = ["LEFT_OUT", "TarShards", "read_webdataset", "write_webdataset"]
 
 _SHARD_FRAMES = 1000
 
