@@ -114,9 +114,8 @@ def _pairs(
     places = {frame_id: index for index, frame_id in enumerate(dataset.images.frame_ids)}
     source = frame_source(dataset, split_of, masks=form.masks)
     for read in form.read(folder):
-        if read.frame_id < 0:
-            read = ReadFrame(dataset.images.frame_ids[0], "", read.k, read.distortion, read.size_px)
-        index = places.get(read.frame_id)
+        # A camera file has the camera of all frames.
+        index = 0 if read.frame_id is None else places.get(read.frame_id)
         yield read, None if index is None else source(index)
 
 
