@@ -65,8 +65,8 @@ class Output:
     def __init__(self, folder: Path) -> None:
         check_no_dataset(folder)
         if folder.is_dir() and any(folder.iterdir()):
-            what = "an export" if (folder / MANIFEST).exists() else "files"
-            raise UsageError(f"{folder}: there are {what} already; give a new folder")
+            what = "is an export" if (folder / MANIFEST).exists() else "are files"
+            raise UsageError(f"{folder}: there {what} already; give a new folder")
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"{folder}: is a file; give a new folder")
         self.folder = folder
