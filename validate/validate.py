@@ -43,6 +43,7 @@ from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst
 from roundel.validate.figures.robustness import sweep_pictures
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
+from roundel.validate.figures.uncertainty import uncertainty_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.report import Pictures, render_report
@@ -213,6 +214,7 @@ def _pictures(
             runs_to_compare(scores.table, summary.runs), "Methods and intrinsics side by side"
         ),
         calibration=calibration_pictures(calibrations.several),
+        uncertainty=uncertainty_pictures(summary.runs),
     )
 
 

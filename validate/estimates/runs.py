@@ -26,6 +26,10 @@ _LEAST_SEMI_AXIS_PX = 0.25
 _TRUE_CAMERA = "not given: the frame's true camera"
 
 
+# All elements of a covariance, from its upper triangle.
+_COVARIANCE = tuple(f"cov_{min(i, j)}{max(i, j)}" for i in range(6) for j in range(6))
+
+
 @dataclass(frozen=True)
 class Run:
     """All rows of one method with one kind of intrinsics, sorted by frame, detection and candidate.
@@ -33,7 +37,8 @@ class Run:
     `cameras[camera[i]]` is the camera that row i used; `ok[i]` tells whether it has a detection, `posed[i]` whether the
     detection has a pose. `ellipse` is NaN if there is none; `centre_px` is the image of the circle's centre in the
     delivered image, for a pose its projection. `filled` lists the defaults that were used; `caveats` has those of each
-    row. `identity`, `focal_px` and `focal_sigma_px` are NaN where the method gives none.
+    row. `identity`, `focal_px`, `focal_sigma_px` and `covariance` (of centre in m and normal, (n, 6, 6)) are NaN where
+    the method gives none.
     """
 
     method: str
@@ -56,6 +61,7 @@ class Run:
     identity: Array = field(default_factory=lambda: np.empty(0))
     focal_px: Array = field(default_factory=lambda: np.empty(0))
     focal_sigma_px: Array = field(default_factory=lambda: np.empty(0))
+    covariance: Array = field(default_factory=lambda: np.empty((0, 6, 6)))
 
 
 def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None) -> list[Run]:
@@ -236,6 +242,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         "intrinsics: each frame's true camera": _TRUE_CAMERA in table["intrinsics_basis"].to_pylist(),
         "ellipse: from the pose": bool(bare.any()),
     }
+    identity, focal_px, focal_sigma_px = _floats(table, ("identity", "focal_px", "focal_sigma_px")).T
     return Run(
         table["method"][0].as_py(),
         table["intrinsics"][0].as_py(),
@@ -254,7 +261,10 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         [reason or "" for reason in table["reason"].to_pylist()],
         tuple(what for what, is_so in filled.items() if is_so),
         tuple(_sentences(text or "") for text in table["caveats"].to_pylist()),
-        *_floats(table, ("identity", "focal_px", "focal_sigma_px")).T,
+        identity,
+        focal_px,
+        focal_sigma_px,
+        _floats(table, _COVARIANCE).reshape(-1, 6, 6),
     )
 
 

@@ -9,6 +9,7 @@ overlays: The worst frames: image crops with the true contour and the estimated 
 robustness: Figures of sweeps: error over the level of a nuisance, with its interval and bound
 side_by_side: Runs side by side: a figure of their errors, and paired comparisons on shared frames
 svg: Drawing: matplotlib figures as SVG that is inlined into the page and coloured by its style sheet
+uncertainty: Percentiles of the truth in the regions that a run states: alike in every bin if its covariance holds
 verdict_curves: Parts of the verdicts' figures: curves of means with intervals, reference laws, axes and panels
 verdicts: A figure for each verdict: means with 95 % intervals over distance, a panel for each condition
 writers: Figures as SVG files beside the report; they follow the reader's light or dark scheme

@@ -15,4 +15,5 @@ mosaic_noise: What interpolation between the pixels of a Bayer mosaic leaves at 
 pose_errors: Errors of a pose and of an ellipse
 rows: Rows of scores: what the statistics, claims and figures read of them, in memory or on disk
 sweeps: The position in its group's sweep of each row of the truth
+uncertainty: Scores of a pose's stated covariance: is the truth as far away as it says?
 """

@@ -85,7 +85,7 @@ def _scored(pose: Array, normal: Array, centre_m: Array, cov: Array) -> Array:
     basis[:, :3, :3], basis[:, 3:, 3:] = np.eye(3), axes
     five = basis @ cov @ np.swapaxes(basis, 1, 2)
     variance = np.diagonal(five, axis1=1, axis2=2)
-    positive = (variance > 0).all(axis=1)
+    positive: NDArray[np.bool_] = np.all(variance > 0, axis=1)
     scale = np.sqrt(np.where(positive[:, None], variance, 1.0))
     # In units of its own standard deviations, so that metres and radians do not spoil the conditioning.
     unit = np.where(positive[:, None, None], five / scale[:, :, None] / scale[:, None, :], np.eye(5))

@@ -31,6 +31,7 @@ class Pictures:
     matrix: list[Picture] = field(default_factory=list)
     comparison: list[Picture] = field(default_factory=list)
     calibration: list[Picture] = field(default_factory=list)
+    uncertainty: list[Picture] = field(default_factory=list)
 
     def all(self) -> list[Picture]:
         """Every figure, in the order of the page."""
@@ -61,7 +62,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
         (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Variables"),
-        (True, "results", "Results"),
+        (True, "results", "Results"), (tables["uncertainty"], "uncertainty", "Uncertainty"),
         (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
         (True, "metrics", "Definitions"), (True, "made", "Provenance"),
     )  # fmt: skip
@@ -80,6 +81,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
         matrix=figures(pictures.matrix),
         comparison=figures(pictures.comparison),
         maps=figures(pictures.calibration),
+        uncertainty=figures(pictures.uncertainty),
         tables=tables,
         no_calibration=reason,
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],

@@ -23,6 +23,7 @@ from roundel.validate.metrics.metric import (
     Metric,
 )
 from roundel.validate.metrics.rows import Rows, column, flag_column
+from roundel.validate.metrics.uncertainty import percentile_of
 from roundel.validate.statistics.intervals import (
     LEVEL,
     MIN_SAMPLES,
@@ -59,6 +60,10 @@ class Recall:
         """Unit of the thresholds."""
         return self.unit_of_thresholds or self.metric.unit
 
+
+# Regions of a pose that should hold the truth this often.
+COVERAGE_LEVELS = (0.5, 0.9, 0.95, 0.99)
+_PERCENTILE_BINS = 20
 
 RECALLS = (
     Recall(NORMAL, (0.1, 0.5, 1.0, 2.0, 5.0)),
@@ -169,6 +174,40 @@ def run_statistics(part: Rows, width_px: Array) -> dict[str, Any]:
         "identities_read": int(pc.count(part["identity_correct"]).as_py()),
         "identities_correct": int(pc.sum(part["identity_correct"]).as_py() or 0),
         "recall": recalls(part, width_px),
+        "coverage": {"oracle": coverage(part, "oracle_"), "chosen": coverage(part, "")},
+    }
+
+
+def coverage(part: Rows, prefix: str) -> dict[str, Any] | None:
+    """How often the truth lies in the regions that a method states; None if it states none.
+
+    Parameters
+    ----------
+    part : Rows
+    prefix : {"oracle_", ""}
+        Of the better candidate, or of the chosen one.
+
+    Returns
+    -------
+    dict or None
+        `n` poses with a covariance, the share of truths within the regions of `COVERAGE_LEVELS` with Wilson's interval
+        over frames, the counts of the chi-square's percentile in even bins (alike if covariances hold), the median
+        chi-square (4.35 then) and the mean logarithmic score.
+    """
+    if f"{prefix}pose_chi2" not in part.column_names:
+        return None
+    chi2 = column(part, f"{prefix}pose_chi2")
+    known = np.isfinite(chi2)
+    if not known.any():
+        return None
+    percentile, frame = percentile_of(chi2[known]), part["frame_id"].to_numpy()[known]
+    counts, _ = np.histogram(percentile, bins=_PERCENTILE_BINS, range=(0.0, 1.0))
+    return {
+        "n": int(known.sum()),
+        "levels": [{"level": level, **rate(percentile <= level, frame)} for level in COVERAGE_LEVELS],
+        "percentiles": counts.tolist(),
+        "median_chi2": float(np.median(chi2[known])),
+        "log_score": float(np.mean(column(part, f"{prefix}pose_log_score")[known])),
     }
 
 

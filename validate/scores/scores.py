@@ -27,6 +27,7 @@ from roundel.validate.metrics.pose_errors import (
 )
 from roundel.validate.metrics.rows import Rows
 from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
+from roundel.validate.metrics.uncertainty import uncertainty_scores
 from roundel.validate.scores.assignment import groups_of, match
 from roundel.validate.scores.candidates import Candidates, candidates_take, matched_candidates
 from roundel.validate.scores.readings import READINGS, identity_of, with_readings
@@ -46,6 +47,8 @@ VARIABLES: dict[str, str] = {
 # The offset of the ellipse's centre by coordinate; its mean shows a shift common to all frames.
 SIGNED = ("ellipse_centre_x_error_px", "ellipse_centre_y_error_px")
 BOUNDS = ("normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px")
+# What a method says of its own error, of the chosen candidate and of the oracle's; null without a covariance.
+UNCERTAINTY = ("pose_chi2", "pose_log_score", "normal_sigma_deg", "position_sigma_m", "depth_sigma_m")
 
 SCORES_SCHEMA = pa.schema(
     [
@@ -62,6 +65,8 @@ SCORES_SCHEMA = pa.schema(
         *[(f"oracle_{name}", pa.float64()) for name in POSE_METRICS],
         *[(name, pa.float64()) for name in (*ELLIPSE_METRICS, *SIGNED)],
         *[(name, pa.float64()) for name in BOUNDS],
+        *[(name, pa.float64()) for name in UNCERTAINTY],
+        *[(f"oracle_{name}", pa.float64()) for name in UNCERTAINTY],
         ("branch_correct", pa.bool_()),
         *READINGS.items(),
     ]
@@ -250,12 +255,33 @@ def score_rows(
         **{f"oracle_{name}": _nullable(v[columns, oracle]) for name, v in values.items()},
         **{name: _nullable(v) for name, v in ellipse.items()},
         **{name: _nullable(v) for name, v in zip(BOUNDS, _bounds(bounds, n), strict=True)},
+        **_uncertainty(targets, candidates, {"": (chosen, is_chosen), "oracle_": (oracle, placed)}, reference),
         "branch_correct": pa.array(
             correct, mask=~is_chosen | ~solved | (single & np.isnan(targets.other_normal[:, 0]))
         ),
     }
     data |= {name: [None] * n for name in READINGS}
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
+
+
+def _uncertainty(
+    targets: Targets,
+    candidates: Candidates,
+    which: dict[str, tuple[NDArray[np.int64], NDArray[np.bool_]]],
+    reference: str,
+) -> dict[str, pa.Array]:
+    """Columns of `UNCERTAINTY`, by prefix; empty against a reference that has an error of its own."""
+    rows = np.arange(len(targets))
+    out: dict[str, pa.Array] = {}
+    for prefix, (candidate, there) in which.items():
+        values = np.full((len(UNCERTAINTY), len(targets)), np.nan)
+        if candidates.covariance is not None and reference == "truth":
+            estimate = (v[rows, candidate] for v in (candidates.normal, candidates.centre_m, candidates.covariance))
+            found = uncertainty_scores(targets.camera_from_marker, *estimate)
+            named = (found.chi2, found.log_score, found.normal_sigma_deg, found.position_sigma_m, found.depth_sigma_m)
+            values = np.where(there, np.stack(named), np.nan)
+        out |= {f"{prefix}{name}": _nullable(v) for name, v in zip(UNCERTAINTY, values, strict=True)}
+    return out
 
 
 def _bounds(bounds: Bounds | None, n: int) -> tuple[Array, Array, Array]:
