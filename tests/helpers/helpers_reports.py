@@ -210,6 +210,8 @@ def write_estimates(path: Path, rows: list[dict[str, Any]], drop: tuple[str, ...
     number = ["probability", *[f"normal_{a}" for a in "xyz"], *[f"centre_{a}_m" for a in "xyz"]]
     number += [f"ellipse_{n}" for n in ("x_px", "y_px", "a_px", "b_px", "angle_deg")]
     number += [f"{n}_px" for n in ("fx", "fy", "skew", "cx", "cy")]
+    if any("cov_00" in row for row in rows):
+        number += [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
     schema = pa.schema(
         [
             ("frame_id", pa.int64()),

@@ -21,7 +21,7 @@ from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.lock import one_at_a_time
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
-from roundel.validate.gate.checks import MIN_CIRCLES
+from roundel.validate.gate.checks import CHI2, MIN_CIRCLES, SCORE
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
 from roundel.validate.scores.report_files import read_report_files
 
@@ -30,8 +30,10 @@ KEY = ("frame_id", "marker_id", "method", "intrinsics")
 ERRORS = tuple(m.oracle for m in (POSE, NORMAL, POSITION_M, CONTOUR, SHIFT_X, SHIFT_Y))
 BOUNDS = tuple(dict.fromkeys(m.bound for m in (NORMAL, POSITION_M, CONTOUR)))
 _COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
+# Columns that older versions do not have: what is not on both sides is not compared.
+_LATER = (SCORE, CHI2)
 _METADATA = b"roundel_baseline"
-_SINGLE = (*ERRORS, *BOUNDS)  # seven digits are enough for comparison, at half the size in git
+_SINGLE = (*ERRORS, *BOUNDS, *_LATER)  # seven digits are enough for comparison, at half the size in git
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,16 @@ def baseline_of_report(report: str | Path) -> Baseline:
 
 def baseline_of_scores(scores: pa.Table) -> pa.Table:
     """Rows of a baseline: the columns of scores.parquet that a gate compares, against the truth, sorted by `KEY`."""
-    rows = scores.filter(pc.equal(scores["reference"], "truth")).select(list(_COLUMNS))
-    for name in _SINGLE:
+    rows = scores.filter(pc.equal(scores["reference"], "truth")).select(_columns_in(scores))
+    for name in set(_SINGLE) & set(rows.column_names):
         at = rows.column_names.index(name)
         rows = rows.set_column(at, name, rows[name].cast(pa.float32()))
     return rows.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
+
+
+def _columns_in(table: pa.Table) -> list[str]:
+    """The columns of a baseline that a table has; the older ones must be there."""
+    return [*_COLUMNS, *(name for name in _LATER if name in table.column_names)]
 
 
 def _check_rows(rows: pa.Table, source: Path) -> None:
@@ -151,7 +158,7 @@ def read_baseline(path: str | Path) -> Baseline:
         schema = facts["schema"]
         if schema != SCHEMA:
             raise NotComparableError(f"{file}: the baseline has format {schema}, not {SCHEMA}; accept a new one")
-        rows = table.replace_schema_metadata(None).select(list(_COLUMNS))
+        rows = table.replace_schema_metadata(None).select(_columns_in(table))
         # Baselines of older versions have no checksum.
         if "sha256" in facts and facts.pop("sha256") != _checksum(rows, facts):
             raise DataError(f"{file}: damaged: its checksum does not match; restore it, or accept a new one")

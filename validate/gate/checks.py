@@ -1,7 +1,8 @@
 """Checks of one run against its baseline, paired circle by circle.
 
-There are three kinds of test: growth of an error (RMS of errors over their bounds), shift of an error (mean of a signed
-error), and loss of circles (a rate). On the same images, golden frames show changes that noise would hide from a test.
+There are four kinds of test: growth of an error (RMS of errors over their bounds), shift of an error (mean of a signed
+error), loss of circles (a rate), and growth of a score (the logarithmic score of the stated covariances). On the same
+images, golden frames show changes that noise would hide from a test.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ from numpy.typing import NDArray
 
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import Metric
-from roundel.validate.statistics.paired_tests import PairedTest, mcnemar_test, rms_ratio_test, shift_test
+from roundel.validate.statistics.paired_tests import (
+    PairedTest,
+    mcnemar_test,
+    mean_growth_test,
+    rms_ratio_test,
+    shift_test,
+)
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,6 +71,12 @@ class Quantity:
 
 POSE = Quantity(metric.POSE, 0.001)
 QUANTITIES = (POSE, Quantity(metric.NORMAL, 0.001), Quantity(metric.POSITION_M, 1e-6), Quantity(metric.CONTOUR, 0.0005))
+# The logarithmic score of the stated covariance: a factor of 0.8 or 1.25 on all covariances costs 0.06.
+SCORE, CHI2 = "oracle_pose_log_score", "oracle_pose_chi2"
+SCORE_FLOOR = 0.02
+_MEDIAN_CHI2 = 4.35
+# A change of a pose's score beyond this counts as this much, so that a few poses do not outweigh the others.
+SCORE_LIMIT = 10.0
 SHIFTS = (Quantity(metric.SHIFT_X, 0.002), Quantity(metric.SHIFT_Y, 0.002))
 
 
@@ -90,9 +103,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Tested:
-    """A test of the data: its kind (`growth`, `shift`, `rate`), its result, and the values for the sentence.
+    """A test of the data: its kind (`growth`, `shift`, `rate`, `score`), its result, and the values for the sentence.
 
-    `was` and `is_now` are an RMS, a mean or a rate.
+    `was` and `is_now` are an RMS, a mean or a rate; `note` ends the sentence.
     """
 
     run: str
@@ -103,6 +116,7 @@ class Tested:
     test: PairedTest
     was: float
     is_now: float
+    note: str = ""
 
     @property
     def could_differ(self) -> bool:
@@ -181,12 +195,38 @@ def questions(run: str, new: pa.Table, old: pa.Table) -> list[Tested]:
             test = shift_test(a[keep], b[keep], alpha=ALPHA)
             floor = max(q.floor, RELATIVE_FLOOR * _rms(b[keep]))
             out.append(Tested(run, "shift", q.title, q.unit, floor, test, float(b[keep].mean()), float(a[keep].mean())))
+    out += _uncertainty(run, new, old, both)
     out.append(_rate(run, "solved", flags(new, "solved"), flags(old, "solved")))
     right = [np.array([np.nan if v is None else float(v) for v in t["branch_correct"].to_pylist()]) for t in (new, old)]
     known = np.isfinite(right[0]) & np.isfinite(right[1])
     if np.count_nonzero(known) >= MIN_CIRCLES:
         out.append(_rate(run, "right candidate", right[0][known], right[1][known]))
     return out
+
+
+def _uncertainty(run: str, new: pa.Table, old: pa.Table, both: Flags) -> list[Tested]:
+    """Whether poses still have covariances, and whether these hold as well as before."""
+    if not all(name in t.column_names for t in (new, old) for name in (SCORE, CHI2)):
+        return []  # a baseline of an older version
+    chi2 = [floats(t, CHI2) for t in (new, old)]
+    known = both & np.isfinite(chi2[1])
+    keep = known & np.isfinite(chi2[0])
+    if np.count_nonzero(known) < MIN_CIRCLES:
+        return []
+    out = [_rate(run, "covariance given", keep[known], np.ones(int(known.sum())))] if np.any(known & ~keep) else []
+    if np.count_nonzero(keep) < MIN_CIRCLES:
+        return out
+    was, is_now = floats(old, SCORE)[keep], floats(new, SCORE)[keep]
+    change = np.clip(is_now - was, -SCORE_LIMIT, SCORE_LIMIT)
+    middles = [float(np.median(x[keep])) for x in chi2]
+    way = "larger" if middles[0] > max(middles[1], _MEDIAN_CHI2) else "smaller"
+    note = f"; median chi-square {middles[1]:.3g} -> {middles[0]:.3g}, {_MEDIAN_CHI2} if it holds"
+    note += f": errors are {way} than stated" if middles[0] != middles[1] else ""
+    test = mean_growth_test(change, np.zeros(len(change)), alpha=ALPHA)
+    mean = float(was.mean())
+    return [
+        *out, Tested(run, "score", "stated uncertainty", "", SCORE_FLOOR, test, mean, mean + test.effect, note)
+    ]  # fmt: skip
 
 
 def _bound(old: pa.Table, q: Quantity, both: Flags) -> Array:
@@ -231,6 +271,11 @@ def answer(tested: Tested, p: float) -> Check:
         away = abs(t.is_now) >= abs(t.was)
         sentence = f"{t.title}: mean {t.was:+.4f} -> {t.is_now:+.4f} {t.unit}, p = {p:.2g}"
         return Check(t.run, t.title, ("worse" if away else "better") if sure else "same", sentence, p)
+    if t.kind == "score":
+        sure = p < ALPHA and test.effect > t.floor
+        better = test.effect < -t.floor and test.effect < -3.0 * test.standard_error
+        sentence = f"{t.title}: log score {t.was:.3f} -> {t.is_now:.3f}{t.note}, p = {p:.2g}"
+        return Check(t.run, t.title, "worse" if sure else "better" if better else "same", sentence, p)
     change, margin = math.expm1(test.effect), 1.96 * test.standard_error
     low, high = math.expm1(test.effect - margin), math.expm1(test.effect + margin)
     sentence = (

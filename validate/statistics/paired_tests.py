@@ -108,6 +108,23 @@ def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     return PairedTest(abs(mean), error, p, n, detectable_effect(error, alpha / 2))
 
 
+def mean_growth_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
+    """Test whether the mean of a score has grown: paired one-sided t-test.
+
+    Returns
+    -------
+    PairedTest
+        `effect` is mean(new) - mean(old) in the unit of the input.
+    """
+    a, b = _paired(new, old)
+    difference = (a - b).ravel()
+    n, mean = len(difference), float(np.mean(difference))
+    error = float(np.std(difference, ddof=1) / math.sqrt(n))
+    if error == 0.0:
+        return PairedTest(mean, 0.0, float(mean <= 0.0), n, 0.0)
+    return PairedTest(mean, error, float(stats.t.sf(mean / error, n - 1)), n, detectable_effect(error, alpha))
+
+
 def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     """Test whether fewer frames succeed than before: exact one-sided McNemar test on the frames that changed.
 

@@ -1,0 +1,108 @@
+"""The gate asks whether stated covariances hold as before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from roundel.validate.gate.baseline import Baseline, read_baseline, write_baseline
+from roundel.validate.gate.checks import CHI2, SCORE
+from roundel.validate.gate.gate import GateResult, gate
+from roundel.validate.statistics.paired_tests import mean_growth_test
+
+N = 600
+
+
+def scores(seed: int, factor: float = 1.0, images: str = "", bare: int = 0) -> Baseline:
+    """An efficient solver whose covariances are right, times a factor; the first `bare` poses have none."""
+    g = np.random.default_rng(seed)
+    noise = g.normal(size=(N, 5))
+    chi2 = np.sum(noise**2, axis=1) / factor
+    # The volume of the covariance differs from frame to frame.
+    volume = np.random.default_rng(0).uniform(-60, -40, N) + 5 * np.log(factor)
+    none = np.arange(N) < bare
+    error = np.linalg.norm(noise, axis=1) / 5**0.5
+
+    def numbers(values: np.ndarray, mask: np.ndarray | None = None) -> pa.Array:
+        return pa.array(values, mask=mask, type=pa.float32())
+
+    rows = pa.table(
+        {
+            "frame_id": np.arange(N),
+            "marker_id": np.zeros(N, dtype=np.int64),
+            "method": ["ml"] * N,
+            "intrinsics": ["true"] * N,
+            "group": ["all"] * N,
+            "solved": np.ones(N, dtype=bool),
+            "branch_correct": pa.nulls(N, pa.bool_()),
+            "oracle_pose_error_bounds": numbers(error),
+            "oracle_normal_error_deg": numbers(0.05 * np.abs(noise[:, 0])),
+            "oracle_position_error_m": numbers(0.001 * np.abs(noise[:, 2])),
+            "contour_error_px": numbers(0.01 * np.abs(noise[:, 3])),
+            "ellipse_centre_x_error_px": numbers(0.01 * noise[:, 3]),
+            "ellipse_centre_y_error_px": numbers(0.01 * noise[:, 4]),
+            "normal_bound_deg": numbers(np.full(N, 0.05)),
+            "position_bound_m": numbers(np.full(N, 0.001)),
+            "ellipse_centre_bound_px": numbers(np.full(N, 0.01)),
+            SCORE: numbers(0.5 * (chi2 + volume), none),
+            CHI2: numbers(chi2, none),
+        }
+    )
+    return Baseline(rows, "d" * 64, images or f"images {seed}", "s", 1, [{"reason": "first", "roundel": "0"}])
+
+
+def red(result: GateResult) -> dict[str, str]:
+    return {check.name: check.sentence for check in result.checks if check.verdict == "worse"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e-6, "larger than stated"), (0.7, "larger than stated"), (1.5, "smaller than stated")]
+)
+def test_covariances_that_do_not_hold_are_red_and_named(factor: float, words: str) -> None:
+    found = red(gate(scores(1, factor, images="same"), scores(1, images="same")))
+    assert list(found) == ["stated uncertainty"]
+    assert words in found["stated uncertainty"]
+    # Where they were wrong before, making them right is better.
+    repaired = gate(scores(1, images="same"), scores(1, factor, images="same"))
+    assert repaired.passed
+    assert "better" in {check.verdict for check in repaired.checks if check.name == "stated uncertainty"}
+
+
+def test_fresh_noise_is_no_loss() -> None:
+    alarms = sum(not gate(scores(2 * i + 10), scores(2 * i + 11)).passed for i in range(100))
+    # At most 1 %: three of 100 would come up once in 50 seeds at that rate.
+    assert alarms <= 2
+
+
+def test_covariances_that_are_no_longer_given_are_a_loss() -> None:
+    assert "covariance given" in red(gate(scores(1, bare=40), scores(1)))
+    # Those that never were are not missed.
+    assert gate(scores(1, bare=40), scores(2, bare=40)).passed
+
+
+def test_a_baseline_of_an_older_version_is_compared_in_what_it_has(tmp_path: Path) -> None:
+    old = scores(1)
+    before = replace(old, rows=old.rows.drop_columns([SCORE, CHI2]))
+    write_baseline(before, tmp_path / "old.parquet")
+    kept = read_baseline(tmp_path / "old.parquet")
+    assert SCORE not in kept.rows.column_names
+    result = gate(scores(1, factor=1e-6), kept)
+    assert [check.verdict for check in result.checks] == ["identical"]
+    write_baseline(old, tmp_path / "new.parquet")
+    assert read_baseline(tmp_path / "new.parquet").rows.equals(old.rows)
+
+
+def test_the_test_of_a_mean_is_students() -> None:
+    g = np.random.default_rng(3)
+    a, b = g.normal(0.1, 1, 200), g.normal(0, 1, 200)
+    found = mean_growth_test(a, b, alpha=0.05)
+    expected = stats.ttest_rel(a, b, alternative="greater")
+    assert found.p_value == pytest.approx(expected.pvalue, rel=1e-12)
+    assert found.effect == pytest.approx(np.mean(a - b))
+    same = mean_growth_test(b, b, alpha=0.05)
+    assert (same.effect, same.standard_error, same.p_value) == (0.0, 0.0, 1.0)
