@@ -358,13 +358,18 @@ def _add_gate(add: AddVerb) -> None:
     gate.add_argument("--baseline", required=True, metavar="FILE", help="the baseline, from `roundel baseline accept`")
     gate.add_argument("--junit", metavar="FILE", help="also write the checks as JUnit XML")
 
-    baseline = add("baseline", "accept the scores of a report as the baseline for later reports")
-    baseline.add_argument("action", choices=("accept",), help="accept: write the baseline")
-    baseline.add_argument("report", metavar="REPORT", help=_REPORT)
-    baseline.add_argument("--baseline", required=True, metavar="FILE", help="file to write; replaces an older baseline")
-    baseline.add_argument(
+    baseline = add("baseline", "accept the scores of a report as the baseline for later reports, or print its history")
+    actions = baseline.add_subparsers(dest="action", metavar="ACTION", required=True, help="accept, or log")
+    text = "write the scores of a report as the baseline"
+    accept = actions.add_parser("accept", help=text, description=f"{text.capitalize()}.", epilog=EXIT_STATUS)
+    accept.add_argument("report", metavar="REPORT", help=_REPORT)
+    accept.add_argument("--baseline", required=True, metavar="FILE", help="file to write; replaces an older baseline")
+    accept.add_argument(
         "--reason", required=True, metavar="TEXT", help="why these scores are right; stored in the baseline"
     )
+    text = "print why each version of a baseline was accepted, the newest last"
+    log = actions.add_parser("log", help=text, description=f"{text.capitalize()}.", epilog=EXIT_STATUS)
+    log.add_argument("baseline", metavar="FILE", help="the baseline")
 
 
 def _add_tools(add: AddVerb) -> None:

@@ -354,10 +354,10 @@ def do_gate(arguments: argparse.Namespace) -> int:
 
 
 def do_baseline(arguments: argparse.Namespace) -> int:
-    """Accept a baseline."""
-    from roundel.cli.verbs.gate import accept_baseline
+    """Accept a baseline, or print its history."""
+    from roundel.cli.verbs.gate import accept_baseline, print_history
 
-    return accept_baseline(arguments)
+    return print_history(arguments) if arguments.action == "log" else accept_baseline(arguments)
 
 
 def do_marker(arguments: argparse.Namespace) -> int:

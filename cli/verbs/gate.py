@@ -1,4 +1,4 @@
-"""`roundel gate`, `roundel baseline accept` and `roundel compare`: reports held against each other."""
+"""`roundel gate`, `roundel baseline` and `roundel compare`: reports held against each other."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
-from roundel.scenes.errors import DataError, NotComparableError
+from roundel.scenes.errors import DataError, RoundelError
 
 
 def compare(arguments: argparse.Namespace) -> int:
@@ -25,7 +25,7 @@ def compare(arguments: argparse.Namespace) -> int:
 
     try:
         result = gate(baseline_of_report(arguments.report), read_baseline(arguments.baseline))
-    except NotComparableError as error:
+    except RoundelError as error:
         # CI shows the contents of these files: a refused comparison must not look like a gate that did not run.
         tell(refused_xml(str(error)), refused_markdown(str(error)))
         raise
@@ -40,6 +40,17 @@ def accept_baseline(arguments: argparse.Namespace) -> int:
 
     accepted = accept(arguments.report, arguments.baseline, arguments.reason)
     print(f"{arguments.baseline}: {accepted.rows.num_rows} scores accepted; commit the file")
+    return 0
+
+
+def print_history(arguments: argparse.Namespace) -> int:
+    """The reasons for which a baseline was accepted."""
+    from roundel.validate.gate.baseline import read_baseline
+
+    baseline = read_baseline(arguments.baseline)
+    for number, entry in enumerate(baseline.accepted, start=1):
+        print(f"{number}. Roundel {entry['roundel']}: {entry['reason']}")
+    print(f"{baseline.rows.num_rows} scores of dataset {baseline.dataset_id[:12]}, metrics {baseline.metric_version}")
     return 0
 
 

@@ -100,12 +100,33 @@ def test_no_samples_end_with_3_and_one_line(world, capsys, monkeypatch):
     assert "scores.parquet is not the file that summary.json was made from" in lines[3]
 
 
-def test_the_history_of_reasons_is_kept(world):
+def test_junit_is_written_whatever_goes_wrong(world, capsys, tmp_path):
+    folder, _ = world
+    for name, baseline, code in (("good", "nosuch.parquet", 2), ("nosuch", "b.parquet", 2)):
+        file = tmp_path / f"{name}.xml"
+        words = ["gate", str(folder / name), "--baseline", str(folder / baseline), "--junit", str(file)]
+        assert main(words) == code
+        error = ElementTree.parse(file).getroot().find(".//error")
+        assert error.attrib["message"] in capsys.readouterr().err
+    (tmp_path / "bent.parquet").write_bytes(b"PAR1")
+    words = ["gate", str(folder / "good"), "--baseline", str(tmp_path / "bent.parquet")]
+    assert main([*words, "--junit", str(tmp_path / "bent.xml")]) == 4
+    assert ElementTree.parse(tmp_path / "bent.xml").getroot().attrib["errors"] == "1"
+
+
+def test_the_history_of_reasons_is_kept(world, capsys):
     folder, _ = world
     again = ["baseline", "accept", str(folder / "good"), "--baseline", str(folder / "b.parquet")]
     assert main([*again, "--reason", "  the\nsame  again "]) == 0
     assert main([*again, "--reason", " "]) == 2
     assert [entry["reason"] for entry in read_baseline(folder / "b.parquet").accepted] == ["first", "the same again"]
+    capsys.readouterr()
+    assert main(["baseline", "log", str(folder / "b.parquet")]) == 0
+    first, second, about = capsys.readouterr().out.splitlines()
+    assert first.endswith(": first")
+    assert (second[:2], second.rpartition(": ")[2]) == ("2.", "the same again")
+    assert "36 scores of dataset" in about
+    assert main(["baseline", "log", str(folder / "nosuch.parquet")]) == 2
 
 
 def test_whoever_accepts_at_the_same_time_keeps_every_reason(world):
