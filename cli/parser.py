@@ -17,6 +17,7 @@ from roundel.cli.arguments import (
     positive,
     views,
 )
+from roundel.cli.export_arguments import add_export
 from roundel.cli.ingest.arguments import add_import
 from roundel.cli.usage import Parser
 
@@ -53,7 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     _add_studies(add)
     _add_rendering(add)
-    _add_exporting(add)
+    add_export(add)
     add_import(add)
     _add_solving(add)
     _add_scoring(add)
@@ -153,38 +154,6 @@ def _add_rendering(add: AddVerb) -> None:
     )
     for parser in (repair, merge):
         _add_mixing(parser)
-
-
-def _add_exporting(add: AddVerb) -> None:
-    export = add("export", "write a dataset in another format: BOP, COCO, YOLO, Hugging Face and others")
-    export.add_argument("dataset", metavar="DATASET", help=_DATASET)
-    export.add_argument("out", type=on_disk, metavar="OUT", help="a new folder")
-    export.add_argument(
-        "--format",
-        required=True,
-        metavar="NAME",
-        help="bop, coco, yolo, webdataset, huggingface, croissant, colmap, kalibr, ros, tum or kitti",
-    )
-    export.add_argument(
-        "--split", default="100/0/0", metavar="T/V/T", help="percentages of train/val/test (default 100/0/0)"
-    )
-    export.add_argument(
-        "--split-by",
-        choices=("pose", "group", "world", "camera"),
-        default="pose",
-        metavar="WHAT",
-        help="what two splits never share: pose (default), group, world or camera",
-    )
-    export.add_argument("--split-seed", type=int, metavar="N", help="seed of the split (default: the study's)")
-    export.add_argument("--groups", nargs="+", metavar="GROUP", help="only frames of these groups")
-    export.add_argument("--no-depth", action="store_true", help="leave depth out")
-    export.add_argument(
-        "--url", default="", metavar="URL", help="where the dataset is published, for formats that say so"
-    )
-
-    card = add("card", "write a dataset's data card: a page, and a record for programs")
-    card.add_argument("dataset", metavar="DATASET", help=_DATASET)
-    card.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
 
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
