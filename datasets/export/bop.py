@@ -21,7 +21,7 @@ from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes, r
 from roundel.datasets.stream.frames import Frame, Marker
 from roundel.datasets.stream.masks import box_of
 from roundel.scenes.camera.model import distorts
-from roundel.scenes.errors import DataError, UsageError
+from roundel.scenes.errors import DataError, UsageError, first_line
 
 FOLDERS = {"train": "train_pbr", "val": "val", "test": "test"}
 LEFT_OUT = (
@@ -267,4 +267,4 @@ def _read_frame(
         k = np.reshape(np.array(camera["cam_K"], dtype=np.float64), (3, 3))
         return ReadFrame(frame_id, split, k=k, image=read_bytes(images[0]), depth_m=depth_m, markers=markers)
     except (KeyError, ValueError, TypeError) as error:
-        raise DataError(f"{place}: is not as BOP has it: {type(error).__name__} at {error}") from error
+        raise DataError(f"{place}: is not as BOP has it: {type(error).__name__} at {first_line(error)}") from error

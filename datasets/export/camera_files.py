@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from roundel.datasets.export.output import Output
-from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes
+from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes, read_lines
 from roundel.datasets.stream.frames import CORNER_PX, Frame
 from roundel.scenes.camera.model import Camera, distorts
 from roundel.scenes.errors import DataError, UsageError
@@ -189,11 +189,7 @@ def read_colmap(folder: Path) -> Iterator[ReadFrame]:
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        text = read_bytes(path).decode()
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: is no text") from error
-    return [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    return [line for line in read_lines(path) if line.strip() and not line.startswith("#")]
 
 
 def read_camera(folder: Path) -> ReadFrame:

@@ -24,7 +24,7 @@ from roundel.datasets.stream.frames import Frame, Marker, frame_source
 from roundel.datasets.stream.splits import Splits, split_by
 from roundel.datasets.verify import Finding
 from roundel.scenes.camera.model import distorts
-from roundel.scenes.errors import DataError, NotComparableError
+from roundel.scenes.errors import DataError, NotComparableError, first_line
 
 Array = NDArray[np.float64]
 
@@ -78,6 +78,8 @@ def check_files(folder: Path, record: dict[str, Any]) -> list[Finding]:
     return [*found, *(Finding(name, "is not listed") for name in others if name not in names)]
 
 
+# Numbers of an altered file may be anything.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def check_against(folder: Path, record: dict[str, Any], dataset: Dataset) -> list[Finding]:
     """Differences between an export and its dataset: cameras, poses, masks, boxes, keypoints, depth, images, splits.
 
@@ -113,10 +115,18 @@ def _pairs(
 ) -> Iterator[tuple[ReadFrame, Frame | None]]:
     places = {frame_id: index for index, frame_id in enumerate(dataset.images.frame_ids)}
     source = frame_source(dataset, split_of, masks=form.masks)
-    for read in form.read(folder):
+    for read in _read(folder, form):
         # A camera file has the camera of all frames.
         index = 0 if read.frame_id is None else places.get(read.frame_id)
         yield read, None if index is None else source(index)
+
+
+def _read(folder: Path, form: Format) -> Iterator[ReadFrame]:
+    """What a format's reader gives; what it does not expect is an error of the file."""
+    try:
+        yield from form.read(folder)
+    except (ValueError, KeyError, TypeError, IndexError, OSError) as error:
+        raise DataError(f"{folder}: is not as {form.title.partition(':')[0]} has it: {first_line(error)}") from error
 
 
 def _differences(read: ReadFrame, frame: Frame, name: str) -> Iterator[tuple[str, str]]:

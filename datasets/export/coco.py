@@ -20,7 +20,7 @@ from roundel.datasets.export.output import Output, json_bytes
 from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes, read_json
 from roundel.datasets.stream.frames import CORNER_PX, KEYPOINTS, Frame, Marker
 from roundel.datasets.stream.masks import mask_of_runs, run_lengths
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, first_line
 
 LEFT_OUT = (
     "depth",
@@ -205,7 +205,7 @@ def read_coco(folder: Path) -> Iterator[ReadFrame]:
                     markers=markers[image["id"]],
                 )
         except (KeyError, ValueError, TypeError, IndexError) as error:
-            raise DataError(f"{file}: is not as COCO has it: {type(error).__name__} at {error}") from error
+            raise DataError(f"{file}: is not as COCO has it: {type(error).__name__} at {first_line(error)}") from error
 
 
 def _read_marker(a: dict[str, Any], categories: dict[int, str], width: int, height: int) -> ReadMarker:

@@ -24,7 +24,7 @@ from roundel.datasets.export.sample import CONVENTION
 from roundel.datasets.export.webdataset import TarShards
 from roundel.datasets.layout.truth_table import TRUTH_COLUMNS, TRUTH_SCHEMA
 from roundel.datasets.stream.frames import Frame
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, first_line
 
 LEFT_OUT = (
     "masks and depth",
@@ -274,7 +274,7 @@ def read_croissant(folder: Path) -> Iterator[ReadFrame]:
                 markers=markers.get(row["frame_id"], []),
             )
     except (KeyError, ValueError, TypeError, pa.ArrowException, tarfile.TarError) as error:
-        raise DataError(f"{path}: is not as Croissant has it: {type(error).__name__} at {error}") from error
+        raise DataError(f"{path}: is not as Croissant has it: {type(error).__name__} at {first_line(error)}") from error
 
 
 def _checked(folder: Path, listed: dict[str, Any]) -> bytes:

@@ -64,6 +64,20 @@ def read_bytes(path: Path) -> bytes:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from error
 
 
+def read_lines(path: Path) -> list[str]:
+    """The lines of a file of text.
+
+    Raises
+    ------
+    DataError
+        If it cannot be read, or is no text.
+    """
+    try:
+        return read_bytes(path).decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: is no text") from error
+
+
 def read_json(path: Path, kind: type) -> Any:
     """A file of JSON that must be a list or an object.
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from roundel.datasets.export.output import Output
-from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_bytes
+from roundel.datasets.export.reading import ReadFrame, ReadMarker, read_lines
 from roundel.datasets.stream.frames import Frame
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, first_line
 
 Array = NDArray[np.float64]
 
@@ -74,8 +74,8 @@ def read_trajectories(folder: Path) -> Iterator[ReadFrame]:
         raise DataError(f"{folder}: has no marker-N.tum or marker-N.kitti")
     for path in paths:
         marker_id, tum = int(path.stem.removeprefix("marker-")), path.suffix == ".tum"
-        lines = [line for line in read_bytes(path).decode().splitlines() if not line.startswith("#")]
-        frames = [] if tum else read_bytes(folder / f"frames-{marker_id}.txt").decode().split()
+        lines = [line for line in read_lines(path) if not line.startswith("#")]
+        frames = [] if tum else read_lines(folder / f"frames-{marker_id}.txt")
         if not tum and len(frames) != len(lines):
             raise DataError(f"{path}: has {len(lines)} poses, but {len(frames)} frames")
         for number, line in enumerate(lines):
@@ -90,6 +90,6 @@ def read_trajectories(folder: Path) -> Iterator[ReadFrame]:
                     pose[:3] = values.reshape(3, 4)
                 frame_id = int(values[0]) if tum else int(frames[number])
             except ValueError as error:
-                raise DataError(f"{path}:{number + 1}: is not a pose: {error}") from error
+                raise DataError(f"{path}:{number + 1}: is not a pose: {first_line(error)}") from error
             marker = ReadMarker(marker_id=marker_id, pose=_inverse(pose))
             yield ReadFrame(frame_id, "", markers=[marker])

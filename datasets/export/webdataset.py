@@ -18,7 +18,7 @@ from roundel.datasets.export.output import Output, json_bytes
 from roundel.datasets.export.reading import ReadFrame
 from roundel.datasets.export.sample import read_sample, sample_of
 from roundel.datasets.stream.frames import Frame
-from roundel.scenes.errors import DataError
+from roundel.scenes.errors import DataError, first_line
 
 _SHARD_FRAMES = 1000
 
@@ -88,7 +88,7 @@ def read_webdataset(folder: Path) -> Iterator[ReadFrame]:
                         raise DataError(f"{path}: {member.name}: is no file, or is there twice")
                     found.setdefault(key, {})[suffix] = file.read()
         except (tarfile.TarError, OSError) as error:
-            raise DataError(f"{path}: cannot be read: {error}") from error
+            raise DataError(f"{path}: cannot be read: {first_line(error)}") from error
         for key, files in found.items():
             image = next((data for suffix, data in files.items() if suffix in ("png", "jpg")), None)
             if image is None or "json" not in files:
@@ -96,4 +96,5 @@ def read_webdataset(folder: Path) -> Iterator[ReadFrame]:
             try:
                 yield read_sample(json.loads(files["json"]), split, image)
             except (KeyError, ValueError, TypeError) as error:
-                raise DataError(f"{path}: {key}.json: is damaged: {type(error).__name__} at {error}") from error
+                what = f"{type(error).__name__} at {first_line(error)}"
+                raise DataError(f"{path}: {key}.json: is damaged: {what}") from error

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.export.coco import keypoints_of
 from roundel.datasets.export.output import Output
-from roundel.datasets.export.reading import ReadFrame, ReadMarker, decoded, read_bytes
+from roundel.datasets.export.reading import ReadFrame, ReadMarker, decoded, read_bytes, read_lines
 from roundel.datasets.stream.frames import CORNER_PX, KEYPOINTS, Frame, Marker
 from roundel.scenes.errors import DataError
 
@@ -130,7 +130,7 @@ def _read_data(path: Path) -> dict[str, Any]:
 
 def _read_labels(path: Path, names: dict[int, str]) -> list[tuple[int, Array]]:
     out = []
-    for number, line in enumerate(read_bytes(path).decode().splitlines(), start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         try:
             head, *rest = line.split()
             values = np.array([float(word) for word in rest])

@@ -24,7 +24,7 @@ from roundel.datasets.export.export import FORMATS, export_dataset
 from roundel.datasets.stream.frames import KEYPOINTS, frame_source
 from roundel.datasets.stream.masks import mask_of_runs, run_lengths
 from roundel.datasets.stream.splits import Splits, parse_fractions, split_by
-from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.scenes.errors import DataError, NotComparableError, UsageError
 
 STUDY = """\
 schema: 1
@@ -58,6 +58,14 @@ def exports(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def problems(folder: Path, dataset: Dataset) -> list[str]:
     """What is found without looking at checksums, as where somebody made them right."""
     return [str(finding) for finding in check_against(folder, read_export(folder), dataset)]
+
+
+def problems_of(folder: Path, dataset: Dataset) -> list[str]:
+    """All that is found; an error is one of them."""
+    try:
+        return [*map(str, check_files(folder, read_export(folder))), *problems(folder, dataset)]
+    except DataError as error:
+        return [str(error)]
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -247,6 +255,26 @@ def test_a_frame_of_another_split_is_found(name: str, exports: Path, dataset: Da
     record["splits"] = {**record["splits"], "seed": 4}
     found = [str(f) for f in check_against(tmp_path / name, record, dataset)]
     assert any("is in train, not in" in line for line in found)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("how", ["cut", "no text", "empty", "removed"])
+def test_a_damaged_file_is_found_in_lines(name: str, how: str, exports: Path, dataset: Dataset, tmp_path: Path) -> None:
+    for number, file in enumerate(sorted(p for p in (exports / name).rglob("*") if p.is_file())):
+        if file.suffix in (".png", ".ply") or file.name.startswith("card."):
+            continue
+        folder = tmp_path / str(number)
+        shutil.copytree(exports / name, folder)
+        mine = folder / file.relative_to(exports / name)
+        data = mine.read_bytes()
+        if how == "removed":
+            mine.unlink()
+        else:
+            mine.write_bytes({"cut": data[: len(data) // 2], "no text": b"\xff" + data[1:], "empty": b""}[how])
+        found = problems_of(folder, dataset)
+        assert found, mine
+        assert not any("\n" in line for line in found)
+        shutil.rmtree(folder)
 
 
 def test_keypoints_are_projected_as_the_truth_has_them(dataset: Dataset) -> None:
