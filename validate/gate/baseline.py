@@ -21,7 +21,7 @@ from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.lock import one_at_a_time
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
-from roundel.validate.gate.checks import CHI2, MIN_CIRCLES, SCORE
+from roundel.validate.gate.checks import CHI2, CHOICE, MIN_CIRCLES, SCORE
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
 from roundel.validate.scores.report_files import read_report_files
 
@@ -31,9 +31,9 @@ ERRORS = tuple(m.oracle for m in (POSE, NORMAL, POSITION_M, CONTOUR, SHIFT_X, SH
 BOUNDS = tuple(dict.fromkeys(m.bound for m in (NORMAL, POSITION_M, CONTOUR)))
 _COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
 # Columns that older versions do not have: what is not on both sides is not compared.
-_LATER = (SCORE, CHI2)
+_LATER = (SCORE, CHI2, *CHOICE)
 _METADATA = b"roundel_baseline"
-_SINGLE = (*ERRORS, *BOUNDS, *_LATER)  # seven digits are enough for comparison, at half the size in git
+_SINGLE = (*ERRORS, *BOUNDS, SCORE, CHI2, CHOICE[0])  # seven digits are enough for comparison, at half the size in git
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import Metric
+from roundel.validate.metrics.uncertainty import choice_score
 from roundel.validate.statistics.paired_tests import (
     PairedTest,
     mcnemar_test,
@@ -73,6 +74,7 @@ POSE = Quantity(metric.POSE, 0.001)
 QUANTITIES = (POSE, Quantity(metric.NORMAL, 0.001), Quantity(metric.POSITION_M, 1e-6), Quantity(metric.CONTOUR, 0.0005))
 # The logarithmic score of the stated covariance: a factor of 0.8 or 1.25 on all covariances costs 0.06.
 SCORE, CHI2 = "oracle_pose_log_score", "oracle_pose_chi2"
+CHOICE = ("likelier_probability", "likelier_correct")
 SCORE_FLOOR = 0.02
 _MEDIAN_CHI2 = 4.35
 # A change of a pose's score beyond this counts as this much, so that a few poses do not outweigh the others.
@@ -195,7 +197,7 @@ def questions(run: str, new: pa.Table, old: pa.Table) -> list[Tested]:
             test = shift_test(a[keep], b[keep], alpha=ALPHA)
             floor = max(q.floor, RELATIVE_FLOOR * _rms(b[keep]))
             out.append(Tested(run, "shift", q.title, q.unit, floor, test, float(b[keep].mean()), float(a[keep].mean())))
-    out += _uncertainty(run, new, old, both)
+    out += [*_uncertainty(run, new, old, both), *_choice(run, new, old, both)]
     out.append(_rate(run, "solved", flags(new, "solved"), flags(old, "solved")))
     right = [np.array([np.nan if v is None else float(v) for v in t["branch_correct"].to_pylist()]) for t in (new, old)]
     known = np.isfinite(right[0]) & np.isfinite(right[1])
@@ -227,6 +229,23 @@ def _uncertainty(run: str, new: pa.Table, old: pa.Table, both: Flags) -> list[Te
     return [
         *out, Tested(run, "score", "stated uncertainty", "", SCORE_FLOOR, test, mean, mean + test.effect, note)
     ]  # fmt: skip
+
+
+def _choice(run: str, new: pa.Table, old: pa.Table, both: Flags) -> list[Tested]:
+    """Whether the stated probabilities of the two candidates hold as before."""
+    if not all(name in t.column_names for t in (new, old) for name in CHOICE):
+        return []
+    stated, right = ([floats(t, name) for t in (new, old)] for name in CHOICE)
+    known = both & np.isfinite(stated[0]) & np.isfinite(stated[1])
+    if np.count_nonzero(known) < MIN_CIRCLES:
+        return []
+    is_now, was = (choice_score(p[known], r[known] > 0) for p, r in zip(stated, right, strict=True))
+    test = mean_growth_test(is_now, was, alpha=ALPHA)
+    means = [f"{100 * p[known].mean():.1f} % stated, {100 * np.mean(r[known]):.1f} % right"
+             for p, r in zip(stated, right, strict=True)]  # fmt: skip
+    note = f"; {means[1]} -> {means[0]}"
+    title = "probability of the likelier candidate"
+    return [Tested(run, "score", title, "", SCORE_FLOOR, test, float(was.mean()), float(is_now.mean()), note)]
 
 
 def _bound(old: pa.Table, q: Quantity, both: Flags) -> Array:

@@ -104,6 +104,8 @@ def _scored(pose: Array, normal: Array, centre_m: Array, cov: Array) -> Array:
     return np.where(positive, sigma, np.nan)
 
 
+# Probabilities below this count as this.
+_SURE = 1e-6
 # Below this ratio of its eigenvalues a covariance is singular to rounding.
 _LEAST = 1e-13
 
@@ -111,3 +113,24 @@ _LEAST = 1e-13
 def percentile_of(chi2: ArrayLike) -> Array:
     """The probability of a smaller chi-square if the covariance holds, 0 to 1: uniform then; (...) array."""
     return np.asarray(stats.chi2.cdf(np.asarray(chi2, dtype=np.float64), DEGREES_OF_FREEDOM))
+
+
+def choice_score(stated: ArrayLike, right: ArrayLike) -> Array:
+    """Minus the logarithm of the probability that was stated for what is true: a proper score, smaller is better.
+
+    Parameters
+    ----------
+    stated : (...) array_like
+        Probability of the likelier candidate, 0.5 to 1.
+    right : (...) array_like of bool
+        Whether it is the right one.
+
+    Examples
+    --------
+    >>> choice_score([0.5, 1.0], [True, True]).round(3).tolist()
+    [0.693, 0.0]
+    """
+    p = np.asarray(stated, dtype=np.float64)
+    of_true = np.where(np.asarray(right, dtype=bool), p, 1 - p)
+    # A certainty that is wrong would have an infinite score.
+    return np.asarray(-np.log(np.clip(of_true, _SURE, 1.0)))

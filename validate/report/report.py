@@ -62,7 +62,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
         (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Variables"),
-        (True, "results", "Results"), (tables["uncertainty"], "uncertainty", "Uncertainty"),
+        (True, "results", "Results"), (tables["uncertainty"] or tables["choice"], "uncertainty", "Uncertainty"),
         (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
         (True, "metrics", "Definitions"), (True, "made", "Provenance"),
     )  # fmt: skip

@@ -19,7 +19,8 @@ class Candidates:
     """Up to two poses per target: (N, 2, ...) arrays; `has` tells which exist. `camera` indexes `cameras`.
 
     `found` tells which were detected, with or without a pose; `centre_px` is the image of the centre. None: all
-    detections have poses. `covariance` is of centre and normal, (N, 2, 6, 6), NaN where the method gives none.
+    detections have poses. `covariance` is of centre and normal, (N, 2, 6, 6), and `probability` that of each
+    candidate, (N, 2); NaN where the method gives none.
     """
 
     has: NDArray[np.bool_]
@@ -32,6 +33,7 @@ class Candidates:
     found: NDArray[np.bool_] | None = None
     centre_px: Array | None = None
     covariance: Array | None = None
+    probability: Array | None = None
 
     def detected(self) -> NDArray[np.bool_]:
         """(N, 2) array: which were detected."""
@@ -56,6 +58,7 @@ def matched_candidates(found: Match, run: Run) -> Candidates:
         there,
         np.where(there[..., None], run.centre_px[safe], np.nan),
         np.where(has[..., None, None], run.covariance[safe], np.nan) if len(run.covariance) else None,
+        np.where(has, run.probability[safe], np.nan) if len(run.probability) else None,
     )
 
 
@@ -73,4 +76,5 @@ def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidat
         None if c.found is None else c.found[rows],
         None if c.centre_px is None else c.centre_px[rows],
         None if c.covariance is None else c.covariance[rows],
+        None if c.probability is None else c.probability[rows],
     )

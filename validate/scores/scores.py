@@ -68,6 +68,8 @@ SCORES_SCHEMA = pa.schema(
         *[(name, pa.float64()) for name in UNCERTAINTY],
         *[(f"oracle_{name}", pa.float64()) for name in UNCERTAINTY],
         ("branch_correct", pa.bool_()),
+        ("likelier_probability", pa.float64()),
+        ("likelier_correct", pa.bool_()),
         *READINGS.items(),
     ]
 )
@@ -260,8 +262,22 @@ def score_rows(
             correct, mask=~is_chosen | ~solved | (single & np.isnan(targets.other_normal[:, 0]))
         ),
     }
+    likelier, stated = _likelier(candidates, placed)
+    data["likelier_probability"] = _nullable(stated)
+    data["likelier_correct"] = pa.array(likelier == oracle, mask=~np.isfinite(stated))
     data |= {name: [None] * n for name in READINGS}
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
+
+
+def _likelier(candidates: Candidates, placed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
+    """The likelier of two candidates by the method, and its probability; NaN without two, or if both are as likely."""
+    n = len(candidates.has)
+    if candidates.probability is None:
+        return np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+    stated = candidates.probability
+    both = candidates.has.all(axis=1) & placed & np.isfinite(stated).all(axis=1) & (stated[:, 0] != stated[:, 1])
+    likelier = np.argmax(np.where(np.isfinite(stated), stated, -1.0), axis=1)
+    return likelier, np.where(both, stated[np.arange(n), likelier], np.nan)
 
 
 def _uncertainty(

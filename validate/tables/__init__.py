@@ -5,6 +5,6 @@ calibration_benefit: Table of the benefit of a calibration, for every kind of in
 report: Tables of a report, made from its summary
 statistics: Tables of recall at thresholds, comparisons with the main run, and statistical power
 table: Tables as records, the source of HTML, CSV, Markdown and LaTeX
-uncertainty: The table of stated uncertainties: how often the truth lies in the regions that a run states
+uncertainty: Tables of what a run states of itself: the regions of its poses, the probabilities of its candidates
 writers: Tables as files: CSV, Markdown and LaTeX, with all text from users escaped
 """

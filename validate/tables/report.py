@@ -25,13 +25,13 @@ from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import benefit_table
 from roundel.validate.tables.statistics import statistics_tables
 from roundel.validate.tables.table import Cell, Column, Table
-from roundel.validate.tables.uncertainty import uncertainty_table
+from roundel.validate.tables.uncertainty import choice_table, uncertainty_table
 
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "groups", "failures", "caveats",
-    "comparisons", "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations",
+    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "groups", "failures",
+    "caveats", "comparisons", "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations",
     "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
 
@@ -75,6 +75,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
         reading_table(mine),
         run_table("groups", "Errors by group", groups, "oracle", note),
         uncertainty_table(mine),
+        choice_table(mine),
         failure_table(summary),
         caveat_table(summary),
         *statistics_tables(summary, mine),

@@ -1,4 +1,4 @@
-"""The table of stated uncertainties: how often the truth lies in the regions that a run states."""
+"""Tables of what a run states of itself: the regions of its poses, the probabilities of its candidates."""
 
 from __future__ import annotations
 
@@ -39,3 +39,31 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
         "logarithm of the stated density at the truth, in metres and radians; smaller is better."
     )
     return Table("uncertainty", "Uncertainty", tuple(columns), tuple(rows), note)
+
+
+def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
+    """How often the likelier of two candidates is right, by its stated probability, of the runs that state one."""
+    columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("poses", "Poses")]
+    columns += [
+        Column("stated_pct", "Stated", "%"),
+        Column("right_pct", "Right", "%"),
+        Column("right_low_pct", "", "%", "low"),
+        Column("right_high_pct", "", "%", "high"),
+        Column("log_score", "Log score", "mean of all"),
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        found = run.get("choice")
+        if not found:
+            continue
+        for entry in (*found["bins"], {"stated": found["stated"], **found["right"]}):
+            share = [None if entry[end] is None else 100 * entry[end] for end in ("rate", "low", "high")]
+            score = found["log_score"] if entry["n"] == found["n"] else None
+            rows.append((run["method"], run["intrinsics"], entry["n"], 100 * entry["stated"], *share, score))
+    note = (
+        "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
+        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all together. Log "
+        "score: minus the logarithm of the probability stated for the right candidate; 0.693 says nothing, smaller is "
+        "better."
+    )
+    return Table("choice", "Which candidate", tuple(columns), tuple(dict.fromkeys(rows)), note)

@@ -11,15 +11,18 @@ import pytest
 from scipy import stats
 
 from roundel.validate.gate.baseline import Baseline, read_baseline, write_baseline
-from roundel.validate.gate.checks import CHI2, SCORE
+from roundel.validate.gate.checks import CHI2, CHOICE, SCORE
 from roundel.validate.gate.gate import GateResult, gate
 from roundel.validate.statistics.paired_tests import mean_growth_test
 
 N = 600
 
 
-def scores(seed: int, factor: float = 1.0, images: str = "", bare: int = 0) -> Baseline:
-    """An efficient solver whose covariances are right, times a factor; the first `bare` poses have none."""
+def scores(seed: int, factor: float = 1.0, images: str = "", bare: int = 0, swap: int = 0) -> Baseline:
+    """An efficient solver whose covariances are right, times a factor; the first `bare` poses have none.
+
+    The candidates of the first `swap` are exchanged.
+    """
     g = np.random.default_rng(seed)
     noise = g.normal(size=(N, 5))
     chi2 = np.sum(noise**2, axis=1) / factor
@@ -51,6 +54,9 @@ def scores(seed: int, factor: float = 1.0, images: str = "", bare: int = 0) -> B
             "ellipse_centre_bound_px": numbers(np.full(N, 0.01)),
             SCORE: numbers(0.5 * (chi2 + volume), none),
             CHI2: numbers(chi2, none),
+            # The likelier candidate is right as often as is said, but for `swap` of them.
+            CHOICE[0]: numbers(np.full(N, 0.9)),
+            CHOICE[1]: (g.random(N) < 0.9) ^ (np.arange(N) < swap),
         }
     )
     return Baseline(rows, "d" * 64, images or f"images {seed}", "s", 1, [{"reason": "first", "roundel": "0"}])
@@ -73,6 +79,14 @@ def test_covariances_that_do_not_hold_are_red_and_named(factor: float, words: st
     assert "better" in {check.verdict for check in repaired.checks if check.name == "stated uncertainty"}
 
 
+def test_exchanged_probabilities_are_red_and_named() -> None:
+    found = red(gate(scores(1, swap=N, images="same"), scores(1, images="same")))
+    assert list(found) == ["probability of the likelier candidate"]
+    assert "90.0 % stated" in found["probability of the likelier candidate"]
+    assert red(gate(scores(1, swap=60, images="same"), scores(1, images="same")))
+    assert gate(scores(2), scores(3)).passed
+
+
 def test_fresh_noise_is_no_loss() -> None:
     alarms = sum(not gate(scores(2 * i + 10), scores(2 * i + 11)).passed for i in range(100))
     # At most 1 %: three of 100 would come up once in 50 seeds at that rate.
@@ -87,7 +101,7 @@ def test_covariances_that_are_no_longer_given_are_a_loss() -> None:
 
 def test_a_baseline_of_an_older_version_is_compared_in_what_it_has(tmp_path: Path) -> None:
     old = scores(1)
-    before = replace(old, rows=old.rows.drop_columns([SCORE, CHI2]))
+    before = replace(old, rows=old.rows.drop_columns([SCORE, CHI2, *CHOICE]))
     write_baseline(before, tmp_path / "old.parquet")
     kept = read_baseline(tmp_path / "old.parquet")
     assert SCORE not in kept.rows.column_names

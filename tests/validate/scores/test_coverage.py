@@ -97,3 +97,34 @@ def test_a_report_without_covariances_has_no_such_section(dataset: Dataset, tmp_
     validate_dataset(dataset.path, [file], tmp_path / "report")
     assert "Is the stated uncertainty right?" not in (tmp_path / "report" / "report.html").read_text()
     assert not (tmp_path / "report" / "tables" / "uncertainty.csv").exists()
+
+
+def test_probabilities_of_candidates_are_scored(dataset: Dataset, tmp_path: Path) -> None:
+    nearer = {}
+    truth = {row["frame_id"]: np.array([row[f"normal_{a}"] for a in "xyz"]) for row in dataset.truth.to_pylist()}
+    rows = []
+    for method, stated, right in (("honest", 0.8, 0.8), ("swapped", 0.8, 0.2), ("silent", 0.5, 1.0)):
+        rng = np.random.default_rng(3)
+        pairs = estimate_rows(dataset, ["true"], noise_px=0.02, method=method)
+        for first, second in zip(pairs[::2], pairs[1::2], strict=True):
+            off = [
+                np.linalg.norm([row[f"normal_{a}"] for a in "xyz"] - truth[row["frame_id"]]) for row in (first, second)
+            ]
+            good, bad = (first, second) if off[0] <= off[1] else (second, first)
+            likely = rng.random() < right
+            good["probability"], bad["probability"] = (stated, 1 - stated) if likely else (1 - stated, stated)
+            nearer[method] = nearer.get(method, 0) + likely
+        rows += pairs
+    file = write_estimates(tmp_path / "e.parquet", rows)
+    summary = validate_dataset(dataset.path, [file], tmp_path / "report")
+    found = {run["method"]: run["choice"] for run in summary.runs}
+    assert found["silent"] is None
+    for method in ("honest", "swapped"):
+        assert found[method]["n"] == len(dataset)
+        assert found[method]["stated"] == pytest.approx(0.8)
+        assert found[method]["right"]["rate"] == pytest.approx(nearer[method] / len(dataset))
+    assert found["honest"]["right"]["low"] < 0.8 < found["honest"]["right"]["high"]
+    assert found["honest"]["log_score"] < np.log(2) < found["swapped"]["log_score"]
+    table = (tmp_path / "report" / "tables" / "choice.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in table] == ["method", "honest", "swapped"]
+    assert "Which candidate" in (tmp_path / "report" / "report.html").read_text()
