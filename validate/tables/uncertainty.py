@@ -62,7 +62,7 @@ def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
             rows.append((run["method"], run["intrinsics"], entry["n"], 100 * entry["stated"], *share, score))
     note = (
         "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
-        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all together. Log "
+        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all. Log "
         "score: minus the logarithm of the probability stated for the right candidate; 0.693 says nothing, smaller is "
         "better."
     )
