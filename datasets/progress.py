@@ -50,6 +50,7 @@ class ShardProgress:
         self._claims: dict[int, set[str]] = {}
         self._own: OwnLog | None = None
         self._lease_s = LEASE_S
+        self._journal_bytes: int | None = None
         self._read_journal()
         self.refresh()
         self.notes += self._logs.cut()
@@ -60,6 +61,7 @@ class ShardProgress:
             data = self.here.read(files.JOURNAL)
         except MissingFile:
             return
+        self._journal_bytes = len(data)
         self.entries, damaged = journal.entries_of(data, place)
         if len(self.environments) == 1:
             # Lines of version 1 do not say what made them: the manifest does, of all.
@@ -86,6 +88,10 @@ class ShardProgress:
                 self.seconds[found.entry.frame_id] = found.seconds
                 self._claims.get(found.entry.frame_id, set()).discard(name)
                 self._lease_s = max(self._lease_s, _PATIENCE * sum(found.seconds.values()))
+
+    def is_outdated(self) -> bool:
+        """Whether somebody has written a journal since it was read here; logs that it was made of may be gone."""
+        return self.here.size(files.JOURNAL) != self._journal_bytes
 
     def drop_damaged(self) -> list[int]:
         """Forget frames whose files are missing or altered; returns their ids. Such files are removed."""

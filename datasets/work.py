@@ -175,6 +175,13 @@ class _Batch:
                 self._take(self._finishes())
             if self.waiting and not self.made:
                 time.sleep(self.job.folder.poll_s)
+                self._read_again()
+
+    def _read_again(self) -> None:
+        """The state of shards that somebody else has finished: what their logs said is only in their journals now."""
+        for shard, state in self.states.items():
+            if state.is_outdated():
+                self.states[shard] = progress_of(self.job.folder, shard, self.job.study)
 
     def _take(self, tasks: Iterator[Task]) -> None:
         for outcome in self.make(tasks):

@@ -15,7 +15,10 @@ from roundel.datasets import environment as environments
 from roundel.datasets.dataset import open_dataset
 from roundel.datasets.layout import shards
 from roundel.datasets.layout.images import open_images
+from roundel.datasets.layout.shards import Shard
 from roundel.datasets.merge import merge_datasets
+from roundel.datasets.progress import ShardProgress
+from roundel.datasets.work import Participant
 from roundel.render.run import render_study
 from roundel.scenes.errors import DataError, NotComparableError
 from roundel.scenes.study.study import Study
@@ -174,6 +177,25 @@ def test_processes_that_render_at_the_same_time_finish_together(tmp_path: Path) 
     said = [process.communicate()[0] for process in many]
     assert [process.returncode for process in many] == [0] * 3
     assert all("11 frames" in text for text in said)
+    assert digests(tmp_path / "ds") == digests(tmp_path / "alone")
+
+
+def test_a_shard_that_another_finishes_between_two_looks_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The logs of whoever finishes a shard are removed: what they said is to be found in its journal.
+    made = study(tmp_path)
+    render_study(made, tmp_path / "alone")
+    enter, first = Participant.enter, [True]
+
+    def late(participant: Participant, shard: Shard) -> ShardProgress:
+        if first:
+            first.clear()
+            render_study(made, tmp_path / "ds")
+        return enter(participant, shard)
+
+    monkeypatch.setattr(Participant, "enter", late)
+    assert render_study(made, tmp_path / "ds") is not None
     assert digests(tmp_path / "ds") == digests(tmp_path / "alone")
 
 
