@@ -52,7 +52,9 @@ class Parser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is None or value in action.choices:
             return
-        what = "verb" if isinstance(action, argparse._SubParsersAction) else action.metavar or action.dest
+        what = action.metavar or action.dest
+        if isinstance(action, argparse._SubParsersAction):
+            what = str(what).lower()
         hint = _suggestion(str(value), action.choices) or f"; use one of {', '.join(action.choices)}"
         raise argparse.ArgumentError(None, f"unknown {what} {value!r}{hint}")
 
