@@ -47,7 +47,7 @@ class Marker:
     ----------
     marker_id : int
     kind : str
-        Of the print: `disc`, `ring`, `chessboard` and so on.
+        Of the print: `disc`, `ring` and so on.
     category : str
         Kind and diameter: `disc 80 mm`.
     is_symmetric : bool
