@@ -7,7 +7,6 @@ unit, another order of axes.
 from __future__ import annotations
 
 import hashlib
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,20 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
+from roundel.datasets.export.causes import (
+    POSE_TOLERANCE,
+    PX_TOLERANCE,
+    why_axes,
+    why_k,
+    why_mask,
+    why_order,
+    why_px,
+    why_unit,
+)
 from roundel.datasets.export.export import FORMATS, Format
 from roundel.datasets.export.output import CHECKSUMS, MANIFEST
 from roundel.datasets.export.reading import ReadFrame, ReadMarker
 from roundel.datasets.store.records import record_of_document
 from roundel.datasets.stream.frames import Frame, Marker, frame_source
-from roundel.datasets.stream.splits import Splits, split_by
+from roundel.datasets.stream.splits import BY, Splits, split_by
 from roundel.datasets.verify import Finding
+from roundel.scenes.assets.files import inside
 from roundel.scenes.camera.model import distorts
 from roundel.scenes.errors import DataError, NotComparableError, first_line
 
 Array = NDArray[np.float64]
 
-# Of poses, relative to their distance, and of rotations; of image coordinates: the digits that formats keep.
-_POSE, _PX = 1e-6, 1e-5
 # Half a level of 16-bit depth, at its coarser scale, and rounding.
 _DEPTH_M = 0.0005 + 1e-6
 
@@ -48,8 +56,10 @@ def read_export(folder: Path) -> dict[str, Any]:
         raise DataError(f"{folder}: not an export: it has no {MANIFEST}") from error
     except ValueError as error:
         raise DataError(f"{folder / MANIFEST}: is damaged: {error}; export the dataset again") from error
-    if record.get("format") not in FORMATS:
+    if str(record.get("format")) not in FORMATS:
         raise DataError(f"{folder / MANIFEST}: format {record.get('format')!r:.80} is not known to this Roundel")
+    if not isinstance(record.get("dataset"), dict):
+        raise DataError(f"{folder / MANIFEST}: does not name its dataset; export the dataset again")
     return record
 
 
@@ -67,8 +77,11 @@ def check_files(folder: Path, record: dict[str, Any]) -> list[Finding]:
         digest, _, name = line.partition("  ")
         names.add(name)
         try:
-            with (folder / name).open("rb") as file:
+            with inside(folder, name).open("rb") as file:
                 same = hashlib.file_digest(file, "sha256").hexdigest() == digest
+        except ValueError:
+            found.append(Finding(CHECKSUMS, f"names a file that is not in the export: {name!r:.80}"))
+            continue
         except OSError:
             found.append(Finding(name, "is missing"))
             continue
@@ -90,24 +103,36 @@ def check_against(folder: Path, record: dict[str, Any], dataset: Dataset) -> lis
     DataError
         If a file is not as its format has it.
     """
-    about = record.get("dataset") or {}
+    about = record["dataset"]
     if about.get("dataset_id") != dataset.images.dataset_id:
         raise NotComparableError(f"{folder}: is of dataset {about.get('dataset_id')!r:.14}, not of {dataset.address}")
     form = FORMATS[record["format"]]
     found: list[Finding] = []
-    seen: dict[int, set[int]] = {}
-    splits = record.get("splits") or {}
-    asked = Splits(tuple(splits.get("fractions", ())), splits.get("by", ""), splits.get("seed", 0))
-    for read, frame in _pairs(folder, form, dataset, split_by(dataset, asked)):
+    seen: set[int] = set()
+    for read, frame in _pairs(folder, form, dataset, split_by(dataset, _splits_of(folder, record))):
         if frame is None:
             found.append(Finding(f"frame {read.frame_id}", "is not in the dataset"))
             continue
         for where, what in _differences(read, frame, record["format"]):
             found.append(Finding(f"frame {frame.frame_id}{where}", what))
-        seen.setdefault(frame.frame_id, set()).update(m.marker_id for m in read.markers if m.marker_id is not None)
+        seen.add(frame.frame_id)
     if form.images and len(seen) != record.get("frames"):
         found.append(Finding(MANIFEST, f"says {record.get('frames')} frames, but {len(seen)} are there"))
     return found
+
+
+def _splits_of(folder: Path, record: dict[str, Any]) -> Splits:
+    splits = record.get("splits")
+    match splits:
+        case {"fractions": [_, _, _] as shares, "by": str(by), "seed": int(seed)}:
+            train, val, test = shares
+            if (
+                by in BY
+                and all(type(s) in (int, float) and 0 <= s <= 1 for s in shares)
+                and abs(sum(shares) - 1) < 1e-9
+            ):
+                return Splits((train, val, test), by, seed)
+    raise DataError(f"{folder / MANIFEST}: has no splits that can be made: {splits!r:.80}; export the dataset again")
 
 
 def _pairs(
@@ -133,8 +158,8 @@ def _differences(read: ReadFrame, frame: Frame, name: str) -> Iterator[tuple[str
     camera = frame.camera
     if read.split and read.split != frame.split:
         yield "", f"is in {read.split}, not in {frame.split}"
-    if read.k is not None and not np.allclose(read.k, camera.K, rtol=0, atol=_PX):
-        yield "", f"the camera differs: {_why_px(read.k[:2, 2] - camera.K[:2, 2]) or _why_k(read.k, camera.K)}"
+    if read.k is not None and not np.allclose(read.k, camera.K, rtol=0, atol=PX_TOLERANCE):
+        yield "", f"the camera differs: {why_px(read.k[:2, 2] - camera.K[:2, 2]) or why_k(read.k, camera.K)}"
     mine = np.array(camera.distortion if distorts(camera) else ())
     if read.distortion is not None:
         length = max(len(mine), len(read.distortion))
@@ -148,7 +173,7 @@ def _differences(read: ReadFrame, frame: Frame, name: str) -> Iterator[tuple[str
     if read.depth_m is not None and frame.depth_m is not None:
         depth_m = frame.depth_m.astype(np.float64)
         if read.depth_m.shape != depth_m.shape or np.abs(read.depth_m - depth_m).max() > _DEPTH_M:
-            yield "", f"the depth differs{_why_unit(read.depth_m.ravel(), depth_m.ravel())}"
+            yield "", f"the depth differs{why_unit(read.depth_m.ravel(), depth_m.ravel())}"
     pairs = _matched(read, frame, name)
     if pairs is None:
         yield "", f"has {len(read.markers)} markers, not {len(frame.markers)}"
@@ -183,13 +208,13 @@ def _marker_differences(got: ReadMarker, marker: Marker) -> Iterator[str]:
     pose = marker.camera_from_marker
     if got.pose is not None:
         distance = float(np.linalg.norm(pose[:3, 3]))
-        if not np.allclose(got.pose[:3, :3], pose[:3, :3], rtol=0, atol=_POSE):
-            yield f"the rotation differs{_why_axes(got.pose[:3, :3], pose[:3, :3])}"
-        if not np.allclose(got.pose[:3, 3], pose[:3, 3], rtol=0, atol=_POSE * distance):
-            unit = _why_unit(got.pose[:3, 3], pose[:3, 3])
-            yield f"the position differs{unit or _why_order(got.pose[:3, 3], pose[:3, 3])}"
+        if not np.allclose(got.pose[:3, :3], pose[:3, :3], rtol=0, atol=POSE_TOLERANCE):
+            yield f"the rotation differs{why_axes(got.pose[:3, :3], pose[:3, :3])}"
+        if not np.allclose(got.pose[:3, 3], pose[:3, 3], rtol=0, atol=POSE_TOLERANCE * distance):
+            unit = why_unit(got.pose[:3, 3], pose[:3, 3])
+            yield f"the position differs{unit or why_order(got.pose[:3, 3], pose[:3, 3])}"
     if got.diameter_m is not None and abs(got.diameter_m - marker.diameter_m) > 1e-9:
-        yield f"the diameter differs{_why_unit(np.array([got.diameter_m]), np.array([marker.diameter_m]))}"
+        yield f"the diameter differs{why_unit(np.array([got.diameter_m]), np.array([marker.diameter_m]))}"
     if got.category is not None and got.category != marker.category:
         yield f"is called {got.category!r:.80}, not {marker.category!r}"
     for what, mine, theirs in (
@@ -200,7 +225,7 @@ def _marker_differences(got: ReadMarker, marker: Marker) -> Iterator[str]:
             if mine.shape != theirs.shape:
                 yield f"the {what} has another size"
             elif not np.array_equal(mine, theirs):
-                yield f"the {what} differs in {int(np.sum(mine != theirs))} pixels{_why_mask(mine, theirs)}"
+                yield f"the {what} differs in {int(np.sum(mine != theirs))} pixels{why_mask(mine, theirs)}"
     if got.box_px is not None and marker.box_px is not None:
         yield from _different_px("box", np.reshape(got.box_px, (2, 2)), np.reshape(marker.box_px, (2, 2)))
     if got.keypoints_px is not None:
@@ -215,8 +240,8 @@ def _different_px(what: str, got: Array, ours: Array) -> Iterator[str]:
     if not np.array_equal(np.isfinite(got), np.isfinite(ours)):
         yield f"other {what} are in the image"
     off = got[both] - ours[both]
-    if both.any() and np.abs(off).max() > _PX:
-        yield f"the {what} differ by up to {np.abs(off).max():.3g} px{_colon(_why_px(np.median(off, axis=0)))}"
+    if both.any() and np.abs(off).max() > PX_TOLERANCE:
+        yield f"the {what} differ by up to {np.abs(off).max():.3g} px{_colon(why_px(np.median(off, axis=0)))}"
 
 
 def _different_outline(got: Array, marker: Marker) -> Iterator[str]:
@@ -229,64 +254,9 @@ def _different_outline(got: Array, marker: Marker) -> Iterator[str]:
     ours = marker.outline_px[::step]
     if len(ours) != len(got):
         yield "the outline has another number of corners"
-    elif np.abs(off := (got - ours)[inside]).max() > _PX:
-        yield f"the outline differs by up to {np.abs(off).max():.3g} px{_colon(_why_px(np.median(off, axis=0)))}"
+    elif np.abs(off := (got - ours)[inside]).max() > PX_TOLERANCE:
+        yield f"the outline differs by up to {np.abs(off).max():.3g} px{_colon(why_px(np.median(off, axis=0)))}"
 
 
 def _colon(text: str) -> str:
     return f": {text}" if text else ""
-
-
-def _why_px(offset: Array) -> str:
-    """Half a pixel, if that is it."""
-    if np.allclose(np.abs(offset), 0.5, atol=1e-3):
-        return f"off by ({offset[0]:+.3g}, {offset[1]:+.3g}) px: half a pixel, the corner of the first or its centre"
-    return ""
-
-
-def _why_k(got: Array, ours: Array) -> str:
-    if np.allclose(got, ours.T, atol=_PX):
-        return "its matrix is transposed"
-    if np.allclose(got[:2, 2][::-1], ours[:2, 2], atol=_PX):
-        return "x and y are exchanged"
-    return f"by up to {np.abs(got - ours).max():.3g} px"
-
-
-def _why_unit(got: Array, ours: Array) -> str:
-    """A factor common to all values."""
-    some = np.abs(ours) > 0
-    if not some.any():
-        return ""
-    ratio = float(np.median(got[some] / ours[some]))
-    if not np.isfinite(ratio) or ratio == 0 or not np.allclose(got, ratio * ours, rtol=1e-3, atol=1e-9):
-        return ""
-    return f" by a factor of {ratio:.4g}: another unit" if abs(ratio - 1) > 1e-6 else ""
-
-
-def _why_axes(got: Array, ours: Array) -> str:
-    if np.allclose(got, ours.T, atol=_POSE):
-        return ": it is the inverse"
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            turn = np.eye(3)[list(order)] * np.array(signs)
-            if np.allclose(turn @ ours, got, atol=_POSE) or np.allclose(ours @ turn, got, atol=_POSE):
-                return ": axes are exchanged or reversed"
-    return f" by {np.degrees(np.arccos(np.clip((np.trace(got.T @ ours) - 1) / 2, -1, 1))):.3g} degrees"
-
-
-def _why_order(got: Array, ours: Array) -> str:
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            if np.allclose(got, ours[list(order)] * np.array(signs), atol=_POSE):
-                return ": axes are exchanged or reversed"
-    return f" by {np.linalg.norm(got - ours):.3g} m"
-
-
-def _why_mask(got: NDArray[np.bool_], ours: NDArray[np.bool_]) -> str:
-    if got.shape == ours.shape[::-1] and np.array_equal(got.T, ours):
-        return ": rows and columns are exchanged"
-    if not got.any() or not ours.any():
-        return ""
-    offset = np.array([np.mean(np.nonzero(m), axis=1) for m in (got, ours)])
-    shift = (offset[0] - offset[1])[::-1]
-    return f": its centre is off by ({shift[0]:+.2f}, {shift[1]:+.2f}) px" if np.abs(shift).max() > 0.1 else ""

@@ -14,17 +14,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers_reports import make_dataset
-from hypothesis import given
-from hypothesis import strategies as st
 
 from roundel.cli.main import main
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.export.check import check_against, check_files, read_export
 from roundel.datasets.export.export import FORMATS, export_dataset
+from roundel.datasets.export.output import MANIFEST
+from roundel.datasets.store.records import document_of
 from roundel.datasets.stream.frames import KEYPOINTS, frame_source
 from roundel.datasets.stream.masks import mask_of_runs, run_lengths
-from roundel.datasets.stream.splits import Splits, parse_fractions, split_by
-from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.datasets.stream.splits import Splits
+from roundel.scenes.errors import DataError
 
 STUDY = """\
 schema: 1
@@ -308,51 +308,6 @@ def test_full_masks_are_exact_areas(dataset: Dataset) -> None:
     assert checked == 16
 
 
-@given(st.lists(st.booleans(), max_size=60), st.integers(1, 6))
-def test_run_lengths_are_read_back(pixels: list[bool], height: int) -> None:
-    width = len(pixels) // height
-    mask = np.array(pixels[: height * width], dtype=bool).reshape(height, width)
-    counts = run_lengths(mask)
-    assert sum(counts) == mask.size
-    assert np.array_equal(mask_of_runs(counts, height, width), mask)
-    assert not mask.size or (counts[0] == 0) == bool(mask[0, 0])
-
-
-@given(seed=st.integers(0, 1000), fractions=st.sampled_from([(0.8, 0.1, 0.1), (0.5, 0.0, 0.5), (1 / 3, 1 / 3, 1 / 3)]))
-def test_splits_have_their_fractions(seed: int, fractions: tuple[float, float, float], dataset: Dataset) -> None:
-    split_of = split_by(dataset, Splits(fractions, seed=seed))
-    names = [split_of(i) for i in range(len(dataset))]
-    for name, share in zip(("train", "val", "test"), fractions, strict=True):
-        assert abs(names.count(name) - share * len(dataset)) <= 1
-        assert share == 0 or name in names
-    assert names == [split_by(dataset, Splits(fractions, seed=seed))(i) for i in range(len(dataset))]
-
-
-def test_levels_of_a_sweep_and_groups_are_never_split(tmp_path: Path) -> None:
-    text = STUDY.replace("frames: 8\n", "") + (
-        "groups:\n  a: {frames: 6}\n  c: {frames: 5}\n"
-        "  b: {frames: 9, sweep: {key: sensor.read_noise_e, levels: [1, 2, 3]}}\n"
-    )
-    mine = make_dataset(tmp_path / "ds", text)
-    split_of = split_by(mine, Splits((0.5, 0.25, 0.25)))
-    start = mine.images.groups.index("b")
-    count = mine.images.groups.count("b") // 3
-    for i in range(count):
-        assert len({split_of(start + i + level * count) for level in range(3)}) == 1
-    by_group = split_by(mine, Splits((0.5, 0.25, 0.25), by="group"))
-    parts = {(group, by_group(i)) for i, group in enumerate(mine.images.groups)}
-    assert len(parts) == 3
-    assert {part for _, part in parts} == {"train", "val", "test"}
-    with pytest.raises(NotComparableError, match="split by world"):
-        split_by(mine, Splits((0.5, 0.5, 0.0), by="world"))
-
-
-@pytest.mark.parametrize("text", ["80/10", "80/10/20", "a/b/c", "-10/60/50", "nan/50/50"])
-def test_percentages_that_are_none(text: str) -> None:
-    with pytest.raises(UsageError, match="add up to 100"):
-        parse_fractions(text)
-
-
 def test_bad_input_is_one_line_and_leaves_nothing(
     dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -392,6 +347,37 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert main(["verify", out, "--against", str(points.path)]) == 0
     assert main(["verify", out, "--against", ds]) == 3
     assert "is of dataset" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"splits": None},
+        {"splits": {"fractions": [1.0], "by": "pose", "seed": 0}},
+        {"splits": {"fractions": [0.5, 0.5, "a"], "by": "pose", "seed": 0}},
+        {"splits": {"fractions": [0.5, 0.5, 0.5], "by": "pose", "seed": 0}},
+        {"splits": {"fractions": [0.5, 0.5, 0.0], "by": "moon", "seed": 0}},
+        {"dataset": "mine"},
+        {"format": ["coco"]},
+    ],
+)
+def test_a_manifest_that_says_nothing_usable_is_one_line(
+    change: dict[str, Any], exports: Path, dataset: Dataset, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(exports / "coco", tmp_path / "coco")
+    record = read_export(folder) | change
+    (folder / MANIFEST).write_bytes(document_of(record))
+    with pytest.raises(DataError, match=MANIFEST):
+        check_against(folder, read_export(folder), dataset)
+
+
+def test_checksums_name_files_of_the_export_only(exports: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(exports / "coco", tmp_path / "coco")
+    with (folder / "checksums.sha256").open("a") as file:
+        file.write(f"{'0' * 64}  ../outside.txt\n")
+    said = [str(finding) for finding in check_files(folder, read_export(folder))]
+    assert len(said) == 2
+    assert "not in the export: '../outside.txt'" in said[1]
 
 
 def test_an_interrupted_export_leaves_no_half(

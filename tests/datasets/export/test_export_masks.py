@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from roundel.cli.main import main
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.export import bop
 from roundel.datasets.stream.frames import frame_source
+from roundel.datasets.stream.masks import mask_of_runs, run_lengths
 from roundel.render.run import render_study
 from roundel.scenes.study.study import load_study
 
@@ -93,3 +96,13 @@ def test_depth_that_does_not_fit_is_refused(
     assert main(["export", str(dataset.path), str(out), "--format", "bop", "--no-depth"]) == 0
     assert not list(out.rglob("depth"))
     assert main(["verify", str(out), "--against", str(dataset.path)]) == 0
+
+
+@given(st.lists(st.booleans(), max_size=60), st.integers(1, 6))
+def test_run_lengths_are_read_back(pixels: list[bool], height: int) -> None:
+    width = len(pixels) // height
+    mask = np.array(pixels[: height * width], dtype=bool).reshape(height, width)
+    counts = run_lengths(mask)
+    assert sum(counts) == mask.size
+    assert np.array_equal(mask_of_runs(counts, height, width), mask)
+    assert not mask.size or (counts[0] == 0) == bool(mask[0, 0])
