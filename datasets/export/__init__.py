@@ -2,6 +2,7 @@
 
 bop: BOP: scenes of frames with poses in millimetres, masks, 16-bit depth, and a model of each kind of marker
 camera_files: Camera files of other tools: COLMAP's text model, Kalibr's camchain, ROS's camera_info
+causes: The likely cause of a difference between an export and its dataset, in words
 check: An export held against its checksums, and against the dataset that it was made from: each frame is read back
 coco: COCO: boxes, run-length masks and keypoints, with camera and pose in keys of their own
 croissant: Croissant 1.1: croissant.json describes shards of images and a table of truth, each with its checksum
