@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from roundel.scenes.camera.response_curve import ResponseCurve
     from roundel.scenes.markers.marker import Part, Sheet
     from roundel.solver.intrinsics.exif import ExifTags
-    from roundel.validate.ingest.board_search import BoardCorners
+    from roundel.validate.calibration.board_bundle import BoardCorners
 
 # Others in the folder, such as notes, are passed over in silence.
 _PICTURES = (".jpg", ".jpeg", ".png", ".heic", ".heif", ".tif", ".tiff", ".webp", ".avif", ".dng")

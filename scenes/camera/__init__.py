@@ -10,6 +10,7 @@ lens_opencv: OpenCV's lens model on normalised coordinates: forward with its Jac
     inverse
 model: The camera: intrinsics, the lens model and the thin lens, in float64
 motion: Motion over the exposure: constant twists, and the exposure time of each sensor row
+parameter_covariance: The parameters of a camera in OpenCV's order, and their covariance as camera files store it
 response_curve: Response curve of an image: how its levels depend on the light, as a record with its source, and its
     parser
 row_time: When rows are read, and what is known of the motion meanwhile: what a camera declares about its rolling

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from roundel.solver.ambiguity.observation import Observation, Verdict
 from roundel.solver.fit.ellipse import shape_of_ellipse
+from roundel.solver.pose.camera_covariance import shape_covariance_of_camera
 
 Array = NDArray[np.float64]
 
@@ -50,8 +51,12 @@ class SideRule:
         if observation.ellipse is None or observation.uncertain_camera is None:
             return Verdict(sign * math.inf, f"{word} of the vanishing line, declared; the camera is taken as exact")
         g, gradient, to_px = _order(observation.ellipse, observation.uncertain_camera.camera.K)
-        variance = (observation.uncertain_camera.focal_sigma * gradient[5]) ** 2
-        variance += observation.uncertain_camera.principal_sigma_px**2 * float(gradient[:2] @ gradient[:2])
+        camera = observation.uncertain_camera
+        variance = (camera.focal_sigma * gradient[5]) ** 2
+        variance += camera.principal_sigma_px**2 * float(gradient[:2] @ gradient[:2])
+        if camera.covariance is not None:
+            by_camera = shape_covariance_of_camera(observation.ellipse, camera.camera, camera.covariance)
+            variance += float(gradient[:5] @ by_camera @ gradient[:5])
         if observation.shape_cov is not None and np.all(np.isfinite(observation.shape_cov)):
             variance += float(gradient[:5] @ observation.shape_cov @ gradient[:5])
         sigma = math.sqrt(max(variance, 0.0))

@@ -75,8 +75,8 @@ def viewing_cone(observation: Observation) -> ViewingCone | None:
     if observation.shape_cov is not None and np.all(np.isfinite(observation.shape_cov)):
         value, vector = np.linalg.eigh(observation.shape_cov)
         factor[:5, :5] = vector * np.sqrt(np.maximum(value, 0.0))
-    factor[5, 5] = observation.uncertain_camera.focal_sigma
-    factor[6, 6] = factor[7, 7] = observation.uncertain_camera.principal_sigma_px
+    value, vector = np.linalg.eigh(observation.uncertain_camera.projection_covariance())
+    factor[5:, 5:] = vector * np.sqrt(np.maximum(value, 0.0))
     return ViewingCone(k, cone, normal, side, step, factor)
 
 

@@ -1,7 +1,7 @@
 """Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone.
 
 The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones (the paper; errata,
-section 4). Assumed cameras come with their uncertainty and basis, see `uncertain_camera`.
+section 4). Cameras come with their uncertainty and its basis, see `uncertain_camera`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
+from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
 from roundel.scenes.errors import DataError, UsageError, did_you_mean
 from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif
@@ -27,6 +29,11 @@ FILM_WIDTH_MM = 36.0
 # Standard deviation of each coordinate of a principal point assumed at the centre, as a fraction of the longer side.
 # OpenSfM's prior for photographs is the same (`principal_point_sd`, 0.01); stabilised lenses move by as much.
 PRINCIPAL_SIGMA = 0.01
+
+# Standard deviations of k1, k2, p1, p2 of a lens assumed without distortion. Phones correct some of it: published
+# calibrations of their main cameras have k1 from -0.02 to 0.17, k2 from -0.7 to 0 and tangential terms of 0.0004 to
+# 0.009 (docs/decisions/026-uncertain-cameras.md).
+LENS_SIGMAS = (0.1, 0.2, 0.002, 0.002)
 
 Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
 Convention = Literal["diagonal", "width", "crop43"]
@@ -68,6 +75,8 @@ class Intrinsics:
         Of `focal` (px) and `focal35` (mm); the standard deviation is a fraction of the focal length.
     row_time : RowTime or None
         The shutter that the file of `calibrated` declares.
+    covariance : (c, c) array or None
+        Of the parameters of `camera`, see `parameter_names`; None if the file of `calibrated` has none.
     """
 
     label: str
@@ -78,6 +87,7 @@ class Intrinsics:
     focal: float = 0.0
     focal_sigma: float = 0.0
     row_time: RowTime | None = None
+    covariance: NDArray[np.float64] | None = None
 
 
 def parse_intrinsics(text: str) -> Intrinsics:
@@ -169,9 +179,11 @@ def _calibrated(path: Path) -> Intrinsics:
         raise DataError(f"{path}: not a camera file; `roundel calibrate` writes one") from error
     try:
         camera, row_time = camera_from_json(record), row_time_from_json(record)
+        covariance = parameter_covariance(record, camera)
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
-    return Intrinsics(f"calibrated:{path.stem}", "calibrated", camera=camera, row_time=row_time)
+    label = f"calibrated:{path.stem}"
+    return Intrinsics(label, "calibrated", camera=camera, row_time=row_time, covariance=covariance)
 
 
 def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
@@ -204,8 +216,9 @@ def uncertain_camera_for(
     Returns
     -------
     UncertainCamera
-        Assumed cameras have a centred principal point, square pixels and no distortion. `scaled` multiplies fx and fy
-        and keeps the rest. `true`, `scaled` and `calibrated` are taken as exact: their standard deviations are 0.
+        Assumed cameras have a centred principal point, square pixels and no distortion, all but the pixels uncertain.
+        `scaled` multiplies fx and fy and keeps the rest. `true` and `scaled` are taken as exact, and so is
+        `calibrated` if its file has no covariance.
 
     Raises
     ------
@@ -224,7 +237,14 @@ def _uncertain_camera(
     if spec.kind == "calibrated":
         assert spec.camera is not None
         _check_size(spec, size)
-        return UncertainCamera(spec.camera, basis=f"calibrated camera {spec.label.partition(':')[2]}, taken as exact")
+        name = f"calibrated camera {spec.label.partition(':')[2]}"
+        if spec.covariance is None:
+            return UncertainCamera(spec.camera, basis=f"{name}, taken as exact")
+        sigma = math.sqrt(spec.covariance[0, 0]) / float(spec.camera.K[0, 0])
+        return UncertainCamera(
+            spec.camera, basis=f"{name}, with the covariance of its parameters: fx +- {100 * sigma:.2g} %",
+            covariance=spec.covariance,
+        )  # fmt: skip
     if spec.kind == "default":
         focal_px = _focal_px(DEFAULT_FOCAL_35MM_MM, size, spec.convention)
         sigma = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
@@ -300,4 +320,5 @@ def _ideal(focal_px: float, size: tuple[int, int], focal_sigma: float, basis: st
     k = np.array([[focal_px, 0.0, cx], [0.0, focal_px, cy], [0.0, 0.0, 1.0]])
     focal_35mm_mm = focal_px * FILM_DIAGONAL_MM / math.hypot(*size)
     camera = Camera(size[0], size[1], k, focal_35mm_mm=focal_35mm_mm)
-    return UncertainCamera(camera, focal_sigma, PRINCIPAL_SIGMA * max(size), basis)
+    lens = np.diag([0.0] * 4 + [sigma**2 for sigma in LENS_SIGMAS])
+    return UncertainCamera(camera, focal_sigma, PRINCIPAL_SIGMA * max(size), basis, covariance=lens)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from roundel.solver.fit.ellipse import EllipseFit, FailedFit
 from roundel.solver.fit.pixel_covariance import PixelFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.pose.camera_covariance import shape_covariance_of_camera
 from roundel.solver.pose.centre_rows import MovingEllipse, poses_at_centre_rows
 from roundel.solver.pose.circle_pose import CirclePoses
 from roundel.solver.pose.pose_covariance import poses_with_covariance
@@ -60,6 +61,8 @@ def _posed(fits: Sequence[EllipseFit], uncertain: UncertainCamera, radius_m: flo
     ellipses, shape_covs = np.array([f.ellipse for f in fits]), np.array([f.shape_cov for f in fits])
     known = np.isfinite(shape_covs).all(axis=(1, 2))
     shape_covs[~known] = 0.0
+    if uncertain.covariance is not None:
+        shape_covs += shape_covariance_of_camera(ellipses, uncertain.camera, uncertain.covariance)
     try:
         poses, cov = poses_with_covariance(ellipses, shape_covs, k, radius_m, *sigmas)
         assert cov is not None, "all covariances are finite"
@@ -74,7 +77,10 @@ def _posed(fits: Sequence[EllipseFit], uncertain: UncertainCamera, radius_m: flo
 def _at_centre_rows(fit: PixelFit, uncertain: UncertainCamera, radius_m: float) -> Posed | FailedFit:
     camera, row_time = uncertain.camera, uncertain.row_time
     assert row_time is not None, "a global shutter has no rates"
-    moving = MovingEllipse(fit.ellipse, fit.rates, fit.shape_cov, fit.rates_cov, fit.row_zero_px)
+    shape_cov = fit.shape_cov
+    if uncertain.covariance is not None:
+        shape_cov = shape_cov + shape_covariance_of_camera(fit.ellipse, camera, uncertain.covariance)
+    moving = MovingEllipse(fit.ellipse, fit.rates, shape_cov, fit.rates_cov, fit.row_zero_px)
     sigmas = uncertain.focal_sigma, uncertain.principal_sigma_px
     try:
         return poses_at_centre_rows(moving, camera, row_time, radius_m, *sigmas)

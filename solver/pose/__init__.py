@@ -1,5 +1,6 @@
 """An ellipse to both poses of the circle, with covariance.
 
+camera_covariance: What the uncertain parameters of a camera do to the ellipse of a circle
 centre_rows: The poses of an ellipse that moves while the rows are read, at mid-exposure of the row of the circle's
     centre
 circle_pose: Both poses of a circle of known radius from its image, in closed form

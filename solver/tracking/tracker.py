@@ -285,9 +285,8 @@ class Tracker:
 
     def _noise_of(self, fit: EllipseFit | FailedFit, cov: Array, uncertain: UncertainCamera) -> Array:
         """Covariance (2, 3, 3) of both normals by this frame's noise: the camera's errors are those of all frames."""
-        if isinstance(fit, EllipseFit) and (uncertain.focal_sigma or uncertain.principal_sigma_px):
-            exact = replace(uncertain, focal_sigma=0.0, principal_sigma_px=0.0)
-            (posed,) = poses_of_fits([fit], exact, self._diameter_m / 2)
+        if isinstance(fit, EllipseFit) and not uncertain.is_exact:
+            (posed,) = poses_of_fits([fit], uncertain.as_exact(), self._diameter_m / 2)
             cov = cov if isinstance(posed, FailedFit) or posed[1] is None else posed[1]
         return cov[:, 3:, 3:]
 

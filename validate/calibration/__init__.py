@@ -1,5 +1,6 @@
 """OpenCV's calibration, and the chessboard as a reference.
 
+board_bundle: Bundle adjustment of a camera and the poses of its boards, from corners, with covariance
 camera_errors: Errors of a calibrated camera against the true one
 chessboard: Pose of a chessboard from its corners, as the reference of a camera: the better of both poses of its
     plane

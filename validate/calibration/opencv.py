@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from roundel.datasets.layout.images import Images
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json, project
+from roundel.scenes.camera.parameter_covariance import parameter_names
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.scenes.study.schema import MIN_CALIBRATION_VIEWS
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m, detect_corners, layout_of
+from roundel.validate.calibration.board_bundle import BoardCorners, least_squares_covariance
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,10 @@ class Calibration:
         Recomputed from the result: root of the mean squared distance over all corners.
     frame_ids, missed_frame_ids : list of int
         The views with and without a detected board.
+    covariance : (c, c) array
+        Of the camera's parameters, see `parameter_names` and `least_squares_covariance`.
+    widened : float
+        Factor on its standard deviations, because the views contradict each other by more than their noise.
     """
 
     camera: Camera
@@ -55,6 +61,13 @@ class Calibration:
     rms_check_px: float
     frame_ids: list[int]
     missed_frame_ids: list[int]
+    covariance: Array
+    widened: float
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """Standard deviation of each parameter."""
+        return dict(zip(parameter_names(self.camera), np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
 
 def look_for_boards(
@@ -147,16 +160,23 @@ def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibratio
             f"{MIN_CALIBRATION_VIEWS}: render more views, larger or less tilted"
         )
     layouts, corners = [view.layout for view, _ in found], [c for _, c in found]
-    camera, rms, check = _fit(layouts, corners, next(iter(sizes)), coefficients)
+    boards = [BoardCorners(board_points_m(layout), c) for layout, c in zip(layouts, corners, strict=True)]
+    camera, rms, poses = _fit(boards, next(iter(sizes)), coefficients)
+    squared = [
+        np.sum((project(camera, board.points_m @ pose[:3, :3].T + pose[:3, 3]) - board.pixels) ** 2, axis=-1)
+        for board, pose in zip(boards, poses, strict=True)
+    ]
+    # A corner outside the range in which the fitted polynomial increases has no image and no residual.
+    check = float(np.sqrt(np.nanmean(np.concatenate(squared))))
+    covariance, widened = least_squares_covariance(boards, camera, poses)
     missed = [view.frame_id for view in views if view.corners_px is None]
-    return Calibration(camera, rms, check, [view.frame_id for view, _ in found], missed)
+    return Calibration(camera, rms, check, [view.frame_id for view, _ in found], missed, covariance, widened)
 
 
-def _fit(
-    layouts: list[BoardLayout], corners: list[Array], size: tuple[int, int], coefficients: int
-) -> tuple[Camera, float, float]:
-    points = [board_points_m(layout).astype(np.float32) for layout in layouts]
-    pixels = [c.astype(np.float32) for c in corners]
+def _fit(boards: list[BoardCorners], size: tuple[int, int], coefficients: int) -> tuple[Camera, float, Array]:
+    """Camera, RMS of the residuals in px, and `camera_from_board` (V, 4, 4)."""
+    points = [board.points_m.astype(np.float32) for board in boards]
+    pixels = [board.pixels.astype(np.float32) for board in boards]
     flags = 0 if coefficients == 5 else cv2.CALIB_FIX_K3
     # Camera and coefficients are outputs; OpenCV's type stubs require arrays for them.
     empty: Any = None
@@ -171,12 +191,10 @@ def _fit(
         cv2.setNumThreads(threads)
     coefficient_values = tuple(float(v) for v in np.ravel(distortion)[:coefficients])
     camera = Camera(size[0], size[1], np.asarray(k, dtype=np.float64), coefficient_values)
-    squared = []
-    for layout, seen, rotation, translation in zip(layouts, corners, rotations, translations, strict=True):
-        in_camera = board_points_m(layout) @ cv2.Rodrigues(rotation)[0].T + np.ravel(translation)
-        squared.append(np.sum((project(camera, in_camera) - seen) ** 2, axis=-1))
-    # A corner outside the range in which the fitted polynomial increases has no image and no residual.
-    return camera, float(rms), float(np.sqrt(np.nanmean(np.concatenate(squared))))
+    poses = np.tile(np.eye(4), (len(boards), 1, 1))
+    for pose, rotation, translation in zip(poses, rotations, translations, strict=True):
+        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation)[0], np.ravel(translation)
+    return camera, float(rms), poses
 
 
 def first_views(views: list[BoardView], count: int | None) -> list[BoardView]:
@@ -207,7 +225,20 @@ def calibration_to_json(calibration: Calibration, dataset_id: str | None, group:
             "group": group,
             "dataset_id": dataset_id,
             "opencv": cv2.__version__,
+            **_uncertainty(calibration),
         },
+    }
+
+
+def _uncertainty(calibration: Calibration) -> dict[str, Any]:
+    """The covariance of the parameters for a camera file; nothing if the views do not determine them."""
+    if not np.isfinite(calibration.covariance).all():
+        return {}
+    return {
+        "widened": calibration.widened,
+        "parameters": list(parameter_names(calibration.camera)),
+        "sigma": calibration.sigmas,
+        "covariance": calibration.covariance.tolist(),
     }
 
 

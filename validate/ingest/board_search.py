@@ -19,6 +19,7 @@ from roundel.solver.detect.chessboard_corners import (
     layout_of,
     refined_corners,
 )
+from roundel.validate.calibration.board_bundle import BoardCorners
 
 Array = NDArray[np.float64]
 
@@ -41,22 +42,6 @@ _DICTIONARIES = {
     "aruco_6x6_250": cv2.aruco.DICT_6X6_250,
     "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11,
 }
-
-
-@dataclass(frozen=True, eq=False)
-class BoardCorners:
-    """Corners of a board and their images.
-
-    Attributes
-    ----------
-    points_m : (N, 3) array
-        In the board's frame: origin at its centre, Z out of the print.
-    pixels : (N, 2) array
-        In the image as it is stored.
-    """
-
-    points_m: Array
-    pixels: Array
 
 
 def find_board(image: ArrayLike, board: Part) -> BoardCorners | None:

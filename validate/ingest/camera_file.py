@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera, camera_to_json
+from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.errors import DataError
 from roundel.validate.calibration.opencv import read_camera
-from roundel.validate.ingest.board_bundle import BoardFit, names_of
+from roundel.validate.calibration.board_bundle import BoardFit
 
 Array = NDArray[np.float64]
 
@@ -53,8 +54,6 @@ def camera_to_file(fit: BoardFit, camera: Camera, board: str, photographs: Seque
 def read_camera_covariance(path: str | Path) -> tuple[Camera, Array | None]:
     """The camera of a camera file, and the covariance (c, c) of its parameters; None if the file has none.
 
-    Parameters that the covariance does not have, such as the coefficients that a calibration left at zero, are exact.
-
     Raises
     ------
     UsageError
@@ -65,21 +64,8 @@ def read_camera_covariance(path: str | Path) -> tuple[Camera, Array | None]:
     camera = read_camera(path)
     if camera.distortion_model != "opencv" or camera.K[0, 1] != 0 or camera.magnification:
         raise DataError(f"{path}: an import needs OpenCV's lens model without skew; calibrate the camera so")
-    record = json.loads(Path(path).read_text(encoding="utf-8")).get("calibration")
-    if not isinstance(record, dict) or "covariance" not in record:
-        return camera, None
-    names = names_of(camera)
+    record = json.loads(Path(path).read_text(encoding="utf-8"))
     try:
-        known = [str(name) for name in record["parameters"]]
-        given = np.array(record["covariance"], dtype=np.float64)
-        sound = given.shape == (len(known), len(known)) and bool(np.isfinite(given).all())
-    except (KeyError, TypeError, ValueError):
-        sound = False
-    if not sound or not np.all(np.linalg.eigvalsh(given) > -1e-9 * np.abs(given).max()):
-        raise DataError(f"{path}: its covariance is damaged; calibrate the camera again")
-    covariance = np.zeros((len(names), len(names)))
-    own = [(i, known.index(name)) for i, name in enumerate(names) if name in known]
-    for i, a in own:
-        for j, b in own:
-            covariance[i, j] = given[a, b]
-    return camera, covariance
+        return camera, parameter_covariance(record, camera)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error

@@ -16,8 +16,8 @@ from roundel.scenes.geometry.conic import circle_points_m
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.truth.visibility import inside_image
 from roundel.solver.pose.plane_pose import plane_points, plane_poses
-from roundel.validate.ingest.board_bundle import POSE, BoardFit, adjusted_camera, adjusted_poses
-from roundel.validate.ingest.board_search import BoardCorners
+from roundel.validate.calibration.board_bundle import POSE, BoardFit, adjusted_camera, adjusted_poses
+from roundel.validate.calibration.board_bundle import BoardCorners
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def posed(boards: Sequence[BoardCorners], camera: Camera, covariance: Array) -> 
     boards : sequence of BoardCorners
     camera : Camera
     covariance : (c, c) array
-        Of its parameters, in the order of `board_bundle.names_of`.
+        Of its parameters, in the order of `parameter_names`.
 
     Raises
     ------

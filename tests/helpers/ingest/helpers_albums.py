@@ -14,7 +14,7 @@ from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, trans
 from roundel.scenes.study.study import Study, load_study
 from roundel.scenes.world.frame import Frame, frames_of
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m
-from roundel.validate.ingest.board_search import BoardCorners
+from roundel.validate.calibration.board_bundle import BoardCorners
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ import pytest
 from helpers_albums import CAMERA, chi_square, noisy_boards, pose_error
 
 from roundel.scenes.camera.model import project
+from roundel.scenes.camera.parameter_covariance import parameter_names
 from roundel.scenes.errors import NotComparableError
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
 from roundel.scenes.markers.marker import Part
-from roundel.validate.ingest.board_bundle import _linearised, _State, adjusted_poses, names_of
-from roundel.validate.ingest.board_search import BoardCorners
+from roundel.validate.calibration.board_bundle import BoardCorners, _linearised, _State, adjusted_poses
 from roundel.validate.ingest.reference import beside, calibrated, posed
 
 SIZE = 640, 480
@@ -74,7 +74,7 @@ def test_an_uncertain_camera_makes_poses_less_certain():
     assert np.linalg.eigvalsh(more).min() > -1e-15
     # A focal length of 560 +- 2 px alone moves the board along its ray by 2 / 560 of its distance.
     assert np.sqrt(more[:, 5, 5]) == pytest.approx(poses[:, 2, 3] * 2 / 560, rel=0.5)
-    assert names_of(CAMERA) == ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+    assert parameter_names(CAMERA) == ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 
 
 def test_a_bent_board_widens_the_covariance():

@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import Camera
-from roundel.validate.ingest.board_search import BoardCorners
+from roundel.scenes.camera.parameter_covariance import parameter_names
 
 Array = NDArray[np.float64]
 
 POSE = 6
-CAMERA = ("fx", "fy", "cx", "cy")
-LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tx", "ty")
 
 _MOST_STEPS = 30
 # Steps so small, in standard deviations of the result, change nothing that anyone can measure.
@@ -34,6 +32,22 @@ _ROUNDS = 3
 _POOLED = 2.0
 # An excess of this many standard deviations of a chi-square per degree of freedom is no chance.
 _CHANCE = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCorners:
+    """Corners of a board and their images.
+
+    Attributes
+    ----------
+    points_m : (N, 3) array
+        In the board's frame: origin at its centre, Z out of the print.
+    pixels : (N, 2) array
+        In the image as it is stored.
+    """
+
+    points_m: Array
+    pixels: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +128,35 @@ def adjusted_poses(boards: Sequence[BoardCorners], camera: Camera, poses: Array,
     return _fit(boards, state, covariance, _System.of(boards, state), 1.0)
 
 
-def names_of(camera: Camera) -> tuple[str, ...]:
-    """Names of a camera's parameters."""
-    return CAMERA + LENS[: len(camera.distortion)]
+def least_squares_covariance(boards: Sequence[BoardCorners], camera: Camera, poses: Array) -> tuple[Array, float]:
+    """Covariance (c, c) of a camera that was fitted by least squares with all corners alike, as OpenCV does.
+
+    For the information I_v of each photograph v per squared pixel, its noise s_v, and C = (sum I_v)^-1, the covariance
+    of that fit is C (sum s_v^2 I_v) C. It is widened where the photographs contradict each other by more than their
+    noise, see `_System.shared_error`: corners have errors that they share.
+
+    Parameters
+    ----------
+    boards : sequence of BoardCorners
+    camera : Camera
+        The fit. The covariance is that of all its parameters.
+    poses : (V, 4, 4) array
+        `camera_from_board` of the fit.
+
+    Returns
+    -------
+    covariance : (c, c) array
+        In the order of `parameter_names`; infinite if the photographs do not determine the camera.
+    widened : float
+        Factor on the standard deviations; 1 for none.
+    """
+    state = _State(camera, poses, np.ones(len(boards)))
+    system, variance = _System.of(boards, state), _noise(boards, state, free=True) ** 2
+    inverse = system.covariance()
+    noise = np.einsum("V,Vij->ij", variance, system.information)
+    excess, freedom = system.shared_error(inverse, variance)
+    raised = excess if excess > 1.0 + _CHANCE * np.sqrt(2.0 / freedom) else 1.0
+    return inverse @ noise @ inverse * raised, float(np.sqrt(raised))
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,16 +258,29 @@ class _System:
         )
         return camera, poses, float(np.sqrt(max(promised, 0.0)))
 
-    def shared_error(self, covariance: Array) -> tuple[float, float]:
+    def shared_error(self, inverse: Array, variance: Array | None = None) -> tuple[float, float]:
         """Variance of the photographs' pulls on the camera over that of the noise, and its degrees of freedom.
 
-        The mean of the sum of g^T C g over the photographs is c - sum tr (C I)^2 if the errors of their corners are
-        independent, for gradients g, informations I, and the camera's covariance C. Errors that the corners of a
-        photograph share, as on a bent sheet, make it larger.
+        At the minimum the gradients g_v of the photographs add up to zero. If the errors of their corners, of variance
+        s_v^2, are independent, the mean of the sum of g_v^T M^-1 g_v is known, for M = sum s_v^2 I_v, the informations
+        I_v and their inverse sum C: g_v has the covariance s_v^2 (I_v - I_v C I_v - I_v C I_v) + I_v C M C I_v. Errors
+        that the corners of a photograph share, as on a bent sheet, make it larger.
+
+        Parameters
+        ----------
+        inverse : (c, c) array
+            C.
+        variance : (V,) array, optional
+            s_v^2, in units of the residuals'; 1 for all without it.
         """
-        expected = covariance @ self.information
-        freedom = len(covariance) - float(np.einsum("Vij,Vji->", expected, expected))
-        return float(np.einsum("Vi,ij,Vj->", self.gradient, covariance, self.gradient)) / freedom, freedom
+        weights = np.ones(len(self.gradient)) if variance is None else variance
+        own = self.information
+        pull = own @ inverse
+        noise = np.einsum("V,Vij->ij", weights, own)
+        scatter = weights[:, None, None] * (own - 2.0 * pull @ own) + pull @ noise @ np.swapaxes(pull, 1, 2)
+        to_unit = np.linalg.pinv(noise)
+        freedom = float(np.einsum("ij,Vji->", to_unit, scatter))
+        return float(np.einsum("Vi,ij,Vj->", self.gradient, to_unit, self.gradient)) / freedom, freedom
 
 
 def _least(boards: Sequence[BoardCorners], state: _State, free: bool) -> _State:
@@ -269,7 +322,7 @@ def _fit(boards: Sequence[BoardCorners], state: _State, covariance: Array, syste
     rms = np.sqrt(system.cost * state.sigma_px**2 / counts)
     return BoardFit(
         state.camera,
-        names_of(state.camera),
+        parameter_names(state.camera),
         covariance,
         state.poses,
         poses,
