@@ -24,7 +24,8 @@ from roundel.validate.calibration.opencv import BoardView
 from roundel.validate.claims.calibration_benefit import ERRORS, off_axis_deg
 from roundel.validate.estimates.runs import Run, read_runs, touched_groups
 from roundel.validate.metrics.ground_truth import Targets, true_targets
-from roundel.validate.scores.scores import FalseDetections, Matched, Scores, match_runs, score
+from roundel.validate.scores.false_positives import FalseDetections
+from roundel.validate.scores.scores import Matched, Scores, match_runs, score
 from roundel.validate.scores.scores_on_disk import ScoresOnDisk
 
 
@@ -180,7 +181,8 @@ def score_by_shard(
                 rows.add(pa.concat_tables(some))
             boards += [] if part.board_rows is None else [part.board_rows]
             for its in part.false:
-                _add(false, its)
+                key = its.method, its.intrinsics
+                false[key] = false[key].joined(its) if key in false else its
             tally.join(part.tally)
             out.circles += part.circles
             off_axis += [] if part.off_axis is None else [part.off_axis]
@@ -244,14 +246,6 @@ def _reference(
     ids = set(part.images.frame_ids)
     own = [view for view in views if view.frame_id in ids]
     return reference_of(part, own, targets, camera, label) if own else None
-
-
-def _add(false: dict[tuple[str, str], FalseDetections], its: FalseDetections) -> None:
-    key = its.method, its.intrinsics
-    before = false.get(key, FalseDetections(*key, 0, 0, []))
-    false[key] = FalseDetections(
-        *key, before.detections + its.detections, before.count + its.count, before.frame_ids + its.frame_ids
-    )
 
 
 def _matched(

@@ -18,7 +18,7 @@ from roundel.datasets.layout.files import check_no_dataset
 from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.records import document_of
-from roundel.datasets.store.writing import clear_leftovers, new_file, write_file
+from roundel.datasets.store.writing import clear_leftovers, new_file, sha256, write_file
 from roundel.scenes.blas_threads import one_blas_thread
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.by_shard import ShardScores, ShardScoring, score_by_shard
@@ -48,7 +48,8 @@ from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.report import Pictures, render_report
 from roundel.validate.report.summary_text import main_run
-from roundel.validate.scores.report_files import SCORES, SUMMARY
+from roundel.validate.scores.false_positives import false_positives_parquet
+from roundel.validate.scores.report_files import FALSE_POSITIVES, SCORES, SUMMARY
 from roundel.validate.scores.scores import Scores
 from roundel.validate.scores.scores_on_disk import ScoresOnDisk
 from roundel.validate.scores.summary import Summary, summarise, summary_record
@@ -127,8 +128,9 @@ def validate_dataset(
     how = ShardScoring(files, extent_D, views, reference_camera, camera)
     with ScoresOnDisk() as rows:
         found = score_by_shard(dataset, how, rows, progress, jobs, scheduler)
-        checksums = _checksums(dataset, files, rows.sha256)
-        return _write_report(dataset, found, views, settings, checksums, rows.parquet, out)
+        false = false_positives_parquet(found.scores.false_detections)
+        checksums = _checksums(dataset, files, {SCORES: rows.sha256, FALSE_POSITIVES: sha256(false)})
+        return _write_report(dataset, found, views, settings, checksums, rows.parquet, false, out)
 
 
 def _write_report(
@@ -138,9 +140,10 @@ def _write_report(
     settings: dict[str, Any],
     checksums: dict[str, str],
     parquet: Path,
+    false: bytes,
     out: Path,
 ) -> Summary:
-    """Statistics, figures, tables and the page of scores that are written as `parquet`."""
+    """Statistics, figures, tables and the page of scores that are written as `parquet`, with the false positives."""
     scores = found.scores
     calibrations = _calibrations(dataset, views)
     benefit = calibration_benefit(scores.table, found.off_axis, found.board_rows)
@@ -165,6 +168,7 @@ def _write_report(
     Folder(out).remove(SUMMARY)
     with new_file(out / SCORES) as file, parquet.open("rb") as written:
         shutil.copyfileobj(written, file)
+    write_file(out / FALSE_POSITIVES, false)
     write_file(out / REPORT, html.encode())
     write_figures(out, pictures.all())
     write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
@@ -223,10 +227,10 @@ def _compared(scores: Scores, summary: Summary) -> list[Table]:
     return pair_tables(method_pairs(runs_to_compare(scores.table, summary.runs), main_run(summary)["method"]))
 
 
-def _checksums(dataset: Dataset, files: Sequence[Path], scores_sha256: str) -> dict[str, str]:
-    """sha256 of the scores, of their inputs, and of all images together."""
+def _checksums(dataset: Dataset, files: Sequence[Path], own: dict[str, str]) -> dict[str, str]:
+    """sha256 of the report's own tables, of their inputs, and of all images together."""
     return {
-        SCORES: scores_sha256,
+        **own,
         **{f"estimates {i}" if len(files) > 1 else "estimates": _digest(f) for i, f in enumerate(files, start=1)},
         **{name: listed.sha256 for name, listed in dataset.contents.own.items() if "/" not in name},
         "truth.parquet": dataset.truth_sha256,

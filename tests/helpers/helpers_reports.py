@@ -212,6 +212,8 @@ def write_estimates(path: Path, rows: list[dict[str, Any]], drop: tuple[str, ...
     number += [f"{n}_px" for n in ("fx", "fy", "skew", "cx", "cy")]
     if any("cov_00" in row for row in rows):
         number += [f"cov_{i}{j}" for i in range(6) for j in range(i, 6)]
+    if any("confidence" in row for row in rows):
+        number += ["confidence"]
     schema = pa.schema(
         [
             ("frame_id", pa.int64()),

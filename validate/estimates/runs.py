@@ -37,8 +37,8 @@ class Run:
     `cameras[camera[i]]` is the camera that row i used; `ok[i]` tells whether it has a detection, `posed[i]` whether the
     detection has a pose. `ellipse` is NaN if there is none; `centre_px` is the image of the circle's centre in the
     delivered image, for a pose its projection. `filled` lists the defaults that were used; `caveats` has those of each
-    row. `identity`, `focal_px`, `focal_sigma_px`, `covariance` (of centre in m and normal, (n, 6, 6)) and `probability`
-    (of the candidate) are NaN where the method gives none.
+    row. `identity`, `focal_px`, `focal_sigma_px`, `covariance` (of centre in m and normal, (n, 6, 6)), `probability`
+    (of the candidate) and `confidence` (of the detection) are NaN where the method gives none.
     """
 
     method: str
@@ -63,6 +63,7 @@ class Run:
     focal_sigma_px: Array = field(default_factory=lambda: np.empty(0))
     covariance: Array = field(default_factory=lambda: np.empty((0, 6, 6)))
     probability: Array = field(default_factory=lambda: np.empty(0))
+    confidence: Array = field(default_factory=lambda: np.empty(0))
 
 
 def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None) -> list[Run]:
@@ -266,7 +267,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         focal_px,
         focal_sigma_px,
         _floats(table, _COVARIANCE).reshape(-1, 6, 6),
-        _floats(table, ("probability",))[:, 0],
+        *_floats(table, ("probability", "confidence")).T,
     )
 
 

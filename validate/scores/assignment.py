@@ -45,15 +45,15 @@ class Match:
         Of the matched detection.
     detections : int
         All detections with a pose, an ellipse or a centre.
-    false_detections : dict
-        Number of unmatched detections by frame_id (frames without any are left out).
+    false_rows : list of int
+        First row in the run of each detection that matches no target.
     """
 
     rows: NDArray[np.int64]
     reason: list[str]
     contour_error_px: Array
     detections: int
-    false_detections: dict[int, int] = field(default_factory=dict)
+    false_rows: list[int] = field(default_factory=list)
 
 
 def match(targets: Targets, run: Run) -> Match:
@@ -62,7 +62,6 @@ def match(targets: Targets, run: Run) -> Match:
     rows = np.full((count, 2), -1)
     reason = [""] * count
     error = np.full(count, np.nan)
-    false: dict[int, int] = {}
     by_frame = _first_rows(run)
     target_frames = _positions(targets.frame_id)
     with_pose = {f: [r for r in firsts if run.ok[r]] for f, firsts in by_frame.items()}
@@ -95,10 +94,7 @@ def match(targets: Targets, run: Run) -> Match:
                     f"{found}, {nearest:.1f} px from the contour" if np.isfinite(nearest) else "contour out of view"
                 )
     used = {int(r) for pair in rows for r in pair if r >= 0}
-    for frame, ds in with_pose.items():
-        unmatched = sum(d not in used for d in ds)
-        if unmatched:
-            false[frame] = unmatched
+    false = [d for ds in with_pose.values() for d in ds if d not in used]
     return Match(rows, reason, error, sum(map(len, with_pose.values())), false)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from roundel.validate.estimates.runs import Run
 from roundel.validate.scores.assignment import Match
+from roundel.validate.scores.false_positives import stated_confidence
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,7 @@ class Candidates:
 
     `found` tells which were detected, with or without a pose; `centre_px` is the image of the centre. None: all
     detections have poses. `covariance` is of centre and normal, (N, 2, 6, 6), and `probability` that of each
-    candidate, (N, 2); NaN where the method gives none.
+    candidate, (N, 2); NaN where the method gives none. `confidence` is that of the detection, (N,).
     """
 
     has: NDArray[np.bool_]
@@ -34,10 +35,15 @@ class Candidates:
     centre_px: Array | None = None
     covariance: Array | None = None
     probability: Array | None = None
+    confidence: Array | None = None
 
     def detected(self) -> NDArray[np.bool_]:
         """(N, 2) array: which were detected."""
         return self.has if self.found is None else self.found
+
+    def stated_confidence(self) -> Array:
+        """(N,) array: confidence of each detection; NaN where there is none."""
+        return np.full(len(self.has), np.nan) if self.confidence is None else self.confidence
 
 
 def matched_candidates(found: Match, run: Run) -> Candidates:
@@ -59,6 +65,7 @@ def matched_candidates(found: Match, run: Run) -> Candidates:
         np.where(there[..., None], run.centre_px[safe], np.nan),
         np.where(has[..., None, None], run.covariance[safe], np.nan) if len(run.covariance) else None,
         np.where(has, run.probability[safe], np.nan) if len(run.probability) else None,
+        np.where(there.any(axis=1), stated_confidence(run)[rows.max(axis=1)], np.nan),
     )
 
 
@@ -77,4 +84,5 @@ def candidates_take(candidates: Candidates, rows: NDArray[np.int64]) -> Candidat
         None if c.centre_px is None else c.centre_px[rows],
         None if c.covariance is None else c.covariance[rows],
         None if c.probability is None else c.probability[rows],
+        None if c.confidence is None else c.confidence[rows],
     )

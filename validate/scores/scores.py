@@ -30,6 +30,7 @@ from roundel.validate.metrics.sweeps import COLUMNS as SWEEP
 from roundel.validate.metrics.uncertainty import uncertainty_scores
 from roundel.validate.scores.assignment import groups_of, match
 from roundel.validate.scores.candidates import Candidates, candidates_take, matched_candidates
+from roundel.validate.scores.false_positives import FalseDetections, false_detections
 from roundel.validate.scores.readings import READINGS, identity_of, with_readings
 
 Array = NDArray[np.float64]
@@ -70,20 +71,10 @@ SCORES_SCHEMA = pa.schema(
         ("branch_correct", pa.bool_()),
         ("likelier_probability", pa.float64()),
         ("likelier_correct", pa.bool_()),
+        ("confidence", pa.float64()),
         *READINGS.items(),
     ]
 )
-
-
-@dataclass(frozen=True)
-class FalseDetections:
-    """Detections of a run that match no marker."""
-
-    method: str
-    intrinsics: str
-    detections: int
-    count: int
-    frame_ids: list[int]
 
 
 @dataclass(frozen=True)
@@ -136,6 +127,7 @@ def score(
     tables, false = [], []
     matched: Matched = {}
     every, identities = bounds_of(dataset, targets), _identities(dataset)
+    group_of = dict(zip(dataset.images.frame_ids, dataset.images.groups, strict=True))
     for run in runs:
         expected = np.flatnonzero(_expected(dataset, targets, run, touched))
         mine, bounds = targets.take(expected), every.take(expected)
@@ -154,15 +146,7 @@ def score(
                         placed, candidates_take(candidates, rows), reason, run.method, run.intrinsics, "chessboard"
                     )
                 )
-        false.append(
-            FalseDetections(
-                run.method,
-                run.intrinsics,
-                found.detections,
-                sum(found.false_detections.values()),
-                sorted(found.false_detections),
-            )
-        )
+        false.append(false_detections(run, found.detections, found.false_rows, group_of))
     return Scores(sorted_scores(pa.concat_tables([SCORES_SCHEMA.empty_table(), *tables])), false, lambda _: matched)
 
 
@@ -265,6 +249,7 @@ def score_rows(
     likelier, stated = _likelier(candidates, placed)
     data["likelier_probability"] = _nullable(stated)
     data["likelier_correct"] = pa.array(likelier == oracle, mask=~np.isfinite(stated))
+    data["confidence"] = _nullable(candidates.stated_confidence())
     data |= {name: [None] * n for name in READINGS}
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
 

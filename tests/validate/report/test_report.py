@@ -113,9 +113,9 @@ def test_no_path_and_no_date(report: tuple[Path, Summary], dataset: Dataset) -> 
 
 def test_the_same_input_gives_the_same_files(report: tuple[Path, Summary], dataset: Dataset, tmp_path: Path) -> None:
     validate_dataset(dataset.path, [report[0].parent / "estimates"], tmp_path / "again")
-    for name in ("report.html", "summary.json", "scores.parquet"):
+    for name in ("report.html", "summary.json", "scores.parquet", "false_positives.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (report[0] / name).read_bytes()
-    inside = ["figures", "report.html", "scores.parquet", "summary.json", "tables"]
+    inside = ["false_positives.parquet", "figures", "report.html", "scores.parquet", "summary.json", "tables"]
     assert sorted(p.name for p in (tmp_path / "again").iterdir()) == inside
     for folder in ("tables", "figures"):
         made = sorted((report[0] / folder).iterdir())
