@@ -33,7 +33,7 @@ PRINCIPAL_SIGMA = 0.01
 # Standard deviations of k1, k2, p1, p2 of a lens assumed without distortion. Phones correct some of it: published
 # calibrations of their main cameras have k1 from -0.02 to 0.17, k2 from -0.7 to 0 and tangential terms of 0.0004 to
 # 0.009 (docs/decisions/026-uncertain-cameras.md).
-LENS_SIGMAS = (0.1, 0.2, 0.002, 0.002)
+LENS_SIGMAS = (0.08, 0.1, 0.002, 0.002)
 
 Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
 Convention = Literal["diagonal", "width", "crop43"]

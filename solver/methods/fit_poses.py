@@ -14,7 +14,7 @@ from roundel.solver.pose.camera_covariance import shape_covariance_of_camera
 from roundel.solver.pose.centre_rows import MovingEllipse, poses_at_centre_rows
 from roundel.solver.pose.circle_pose import CirclePoses
 from roundel.solver.pose.pose_covariance import poses_with_covariance
-from roundel.solver.pose.pose_curvature import curved_covariance
+from roundel.solver.pose.pose_curvature import curved_covariance, focal_curvature
 
 Array = NDArray[np.float64]
 Posed = tuple[CirclePoses, Array | None]
@@ -67,6 +67,8 @@ def _posed(fits: Sequence[EllipseFit], uncertain: UncertainCamera, radius_m: flo
         poses, cov = poses_with_covariance(ellipses, shape_covs, k, radius_m, *sigmas)
         assert cov is not None, "all covariances are finite"
         cov = curved_covariance(poses, cov, ellipses, shape_covs, k, radius_m)
+        if uncertain.focal_sigma > 0:
+            cov += focal_curvature(poses, ellipses, k, radius_m, uncertain.focal_sigma)
     except ValueError as error:
         if len(fits) == 1:
             return [FailedFit(str(error))]

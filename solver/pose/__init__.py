@@ -17,6 +17,6 @@ plane_homography: Homography from a plane to the image, by maximum likelihood fr
 plane_pose: Both poses of a plane from points on it: Collins and Bartoli, Infinitesimal Plane-based Pose Estimation
     (2014)
 pose_covariance: Covariance of both poses, propagated from the ellipse and from the camera
-pose_curvature: What the bent map from ellipse to pose adds to a covariance of first order
+pose_curvature: What the bent map from ellipse and focal length to pose adds to a covariance of first order
 shape_rates: How fast the ellipse of a circle moves when the camera does
 """
