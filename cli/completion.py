@@ -22,7 +22,8 @@ KINDS = (
 )  # fmt: skip
 PAPERS = ("a5", "a4", "a3", "letter", "legal", "tabloid")
 INTRINSICS = (
-    "true", "default", "default:width", "default:crop43", "exif", "scaled:", "focal:", "focal35:", "calibrated:",
+    "true", "default", "default:width", "default:crop43", "default:2020s", "default:2020s:width",
+    "default:2020s:crop43", "exif", "scaled:", "focal:", "focal35:", "calibrated:",
 )  # fmt: skip
 KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:", "coplanar")
 

@@ -202,8 +202,9 @@ def _add_solving(add: AddVerb) -> None:
         "--intrinsics",
         action="append",
         metavar="SPEC",
-        help="true, default, default:width, default:crop43, exif, focal:3100+-60 (px), focal35:26+-1 (mm), scaled:0.7, "
-        "calibrated:FILE; repeatable (default: the study's; for photographs exif, else default)",
+        help="true, default, default:width, default:crop43, default:2020s, exif, focal:3100+-60 (px), "
+        "focal35:26+-1 (mm), scaled:0.7, calibrated:FILE; repeatable (default: the study's; for photographs exif, else "
+        "default)",
     )
     solve.add_argument(
         "--curve",

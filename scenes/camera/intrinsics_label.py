@@ -83,10 +83,12 @@ class IntrinsicsLabel:
                 if self.is_right
                 else f"a focal length of {self.value} times the true one"
             )
-        by_width = " (taken by width)" if self.value == "width" else ""
+        words = self.value.split(":")
+        by_width = " (taken by width)" if "width" in words else ""
+        decade = " of the 2020s" if "2020s" in words else ""
         return {
             "true": "the camera's own intrinsics",
             "calibrated": "intrinsics calibrated from a chessboard",
             "exif": "the focal length of the file's EXIF",
-            "default": f"the default focal length of a phone{by_width}",
+            "default": f"the default focal length of a phone{decade}{by_width}",
         }.get(self.kind, self.text)

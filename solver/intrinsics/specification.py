@@ -1,7 +1,8 @@
 """Parse `--intrinsics` and make its camera: true, scaled, calibrated, from EXIF, or the default phone.
 
-The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones (the paper; errata,
-section 4). Cameras come with their uncertainty and its basis, see `uncertain_camera`.
+The default is a normal distribution of 35-mm-equivalent focal lengths, fitted to many phones: the paper's (errata,
+section 4), or those of the 2020s (`scenes/camera/phones.csv`). Cameras come with their uncertainty and its basis, see
+`uncertain_camera`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, FILM_DIAGONAL_MM
+from roundel.scenes.camera.film import (
+    DEFAULT_FOCAL_35MM_MM,
+    DEFAULT_FOCAL_35MM_SIGMA_MM,
+    FILM_DIAGONAL_MM,
+    FOCAL_35MM_2020S_MM,
+    FOCAL_35MM_2020S_SIGMA_MM,
+)
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
 from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
@@ -37,12 +44,16 @@ LENS_SIGMAS = (0.08, 0.1, 0.002, 0.002)
 
 Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
 Convention = Literal["diagonal", "width", "crop43"]
+Phones = Literal["paper", "2020s"]
 
 _FORMS = (
     "true",
     "default",
     "default:width",
     "default:crop43",
+    "default:2020s",
+    "default:2020s:width",
+    "default:2020s:crop43",
     "exif",
     "scaled:0.7",
     "calibrated:FILE",
@@ -53,6 +64,11 @@ _BY = {
     "diagonal": "by diagonal",
     "width": "by width",
     "crop43": "by the diagonal of the 4:3 sensor that the image is cut from",
+}
+# Mean and standard deviation of the 35-mm equivalents, mm, and the name of the prior.
+_PHONES: dict[Phones, tuple[float, float, str]] = {
+    "paper": (DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, "default phone model"),
+    "2020s": (FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM, "default phone of the 2020s"),
 }
 
 
@@ -69,6 +85,8 @@ class Intrinsics:
         Of `scaled`.
     convention : str
         Quantity that 35-mm equivalence compares: `diagonal`, `width`, or the diagonal of the 4:3 sensor (`crop43`).
+    phones : str
+        Of `default`: the phones that it stands for, the paper's or those of the 2020s.
     camera : Camera or None
         Of `calibrated`.
     focal, focal_sigma : float
@@ -83,6 +101,7 @@ class Intrinsics:
     kind: Kind
     factor: float = 1.0
     convention: Convention = "diagonal"
+    phones: Phones = "paper"
     camera: Camera | None = None
     focal: float = 0.0
     focal_sigma: float = 0.0
@@ -96,6 +115,7 @@ def parse_intrinsics(text: str) -> Intrinsics:
     - `true`: the frame's true camera; `scaled:X`: the true camera with its focal lengths times X;
     - `calibrated:FILE`: a camera file, as `roundel calibrate` writes it;
     - `default`, `default:width`, `default:crop43`: the default phone, by the three conventions of 35-mm equivalence;
+    - `default:2020s`, `default:2020s:width`, `default:2020s:crop43`: the same for phones of the 2020s;
     - `exif`: the focal length of the file's EXIF;
     - `focal:PX`, `focal35:MM`: a given focal length, in pixels or as a 35-mm equivalent; `+-` precedes its standard
       deviation, in the same unit or in per cent: `focal:3100+-60`, `focal35:26+-4%`. Without it, the focal length is
@@ -120,18 +140,26 @@ def parse_intrinsics(text: str) -> Intrinsics:
         return _focal("focal", value, "px", "focal:3100+-60")
     if name == "focal35":
         return _focal("focal35", value, "mm", "focal35:26+-1")
-    if text == "default:width":
-        return Intrinsics(text, "default", convention="width")
-    if text == "default:crop43":
-        return Intrinsics(text, "default", convention="crop43")
     if name == "true" and not colon:
         return Intrinsics("true", "true")
-    if name == "default" and not colon:
-        return Intrinsics("default", "default")
+    if name == "default" and (found := _default(text)) is not None:
+        return found
     if name == "exif" and not colon:
         return Intrinsics("exif", "exif")
     hint = did_you_mean(text, _FORMS, cutoff=0.5) or f"use one of {', '.join(_FORMS)}"
     raise UsageError(f"--intrinsics {text}: unknown; {hint}")
+
+
+def _default(text: str) -> Intrinsics | None:
+    words = text.split(":")[1:]
+    phones: Phones = "2020s" if words[:1] == ["2020s"] else "paper"
+    match words[1:] if phones == "2020s" else words:
+        case []:
+            return Intrinsics(text, "default", phones=phones)
+        case [("width" | "crop43") as convention]:
+            return Intrinsics(text, "default", convention=convention, phones=phones)
+        case _:
+            return None
 
 
 def _positive(text: str) -> float | None:
@@ -246,10 +274,11 @@ def _uncertain_camera(
             covariance=spec.covariance,
         )  # fmt: skip
     if spec.kind == "default":
-        focal_px = _focal_px(DEFAULT_FOCAL_35MM_MM, size, spec.convention)
-        sigma = DEFAULT_FOCAL_35MM_SIGMA_MM / DEFAULT_FOCAL_35MM_MM
-        stated = f"{DEFAULT_FOCAL_35MM_MM} mm (35-mm equivalent, {_BY[spec.convention]})"
-        return _ideal(focal_px, size, sigma, f"default phone model: {stated}, +- {100 * sigma:.1f} %")
+        mean_mm, sigma_mm, model = _PHONES[spec.phones]
+        sigma = sigma_mm / mean_mm
+        stated = f"{mean_mm} mm (35-mm equivalent, {_BY[spec.convention]})"
+        basis = f"{model}: {stated}, +- {100 * sigma:.1f} %"
+        return _ideal(_focal_px(mean_mm, size, spec.convention), size, sigma, basis)
     if spec.kind == "focal":
         basis = f"focal length given: {spec.focal:g} px, {_spread(spec.focal_sigma)}"
         return _ideal(spec.focal, size, spec.focal_sigma, basis)

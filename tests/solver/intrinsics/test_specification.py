@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM
 from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.intrinsics.exif import ExifTags
@@ -98,6 +99,16 @@ def test_three_conventions_of_the_default(text, focal_px, sigma_px):
     assert one.basis.endswith("+- 11.5 %")
 
 
+@pytest.mark.parametrize("convention", ["", ":width", ":crop43"])
+def test_phones_of_the_2020s_differ_from_the_papers_by_the_focal_length_alone(convention):
+    old, new = assumed(f"default{convention}"), assumed(f"default:2020s{convention}")
+    assert new.camera.K[0, 0] / old.camera.K[0, 0] == pytest.approx(FOCAL_35MM_2020S_MM / DEFAULT_FOCAL_35MM_MM)
+    assert new.focal_sigma == pytest.approx(FOCAL_35MM_2020S_SIGMA_MM / FOCAL_35MM_2020S_MM)
+    assert new.principal_sigma_px == old.principal_sigma_px
+    assert new.basis.startswith(f"default phone of the 2020s: {FOCAL_35MM_2020S_MM} mm (35-mm equivalent, by ")
+    assert parse_intrinsics(f"default:2020s{convention}").label == f"default:2020s{convention}"
+
+
 def test_the_crop_makes_no_difference_to_a_whole_sensor():
     for size in ((1280, 960), (960, 1280), (1000, 1000)):
         assert assumed("default:crop43", size=size).camera.K[0, 0] == pytest.approx(
@@ -157,6 +168,12 @@ def test_a_calibration_of_the_image_before_it_was_turned(tmp_path):
         ("defualt", "did you mean default"),
         ("ture", "did you mean true"),
         ("default:widht", "did you mean default:width"),
+        ("default:2020", "did you mean default:2020s"),
+        ("default:2020s:widht", "did you mean default:2020s:width"),
+        ("default:", "unknown"),
+        ("default:width:crop43", "unknown"),
+        ("default:width:2020s", "unknown"),
+        ("default:2020s:", "unknown"),
         ("", "use one of"),
         ("xyzzy", "use one of"),
         ("true:1", "unknown"),
