@@ -125,7 +125,8 @@ def read_phones(text: str | None = None) -> tuple[PhoneCamera, ...]:
             year, focal = int(row["year"]), float(row["focal_35mm_mm"])
         except ValueError as error:
             raise DataError(f"{TABLE}:{reader.line_num}: {error}") from error
-        phones.append(PhoneCamera(**{**row, "year": year, "focal_35mm_mm": focal}))
+        words = {name: row[name] for name in wanted if name not in ("year", "focal_35mm_mm")}
+        phones.append(PhoneCamera(year=year, focal_35mm_mm=focal, **words))
     return tuple(phones)
 
 

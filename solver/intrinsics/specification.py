@@ -16,17 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.film import (
-    DEFAULT_FOCAL_35MM_MM,
-    DEFAULT_FOCAL_35MM_SIGMA_MM,
-    FILM_DIAGONAL_MM,
-    FOCAL_35MM_2020S_MM,
-    FOCAL_35MM_2020S_SIGMA_MM,
-)
+from roundel.scenes.camera.film import FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
 from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
 from roundel.scenes.errors import DataError, UsageError, did_you_mean
+from roundel.solver.intrinsics.default_phone import DEFAULT_FORMS, Convention, Phones, default_focal, parse_default
 from roundel.solver.intrinsics.exif import ExifFocal, ExifTags, NoFocal, focal_of_exif
 from roundel.solver.intrinsics.shutter import assumed_shutter
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
@@ -43,33 +38,8 @@ PRINCIPAL_SIGMA = 0.01
 LENS_SIGMAS = (0.08, 0.1, 0.002, 0.002)
 
 Kind = Literal["true", "default", "exif", "scaled", "calibrated", "focal", "focal35"]
-Convention = Literal["diagonal", "width", "crop43"]
-Phones = Literal["paper", "2020s"]
 
-_FORMS = (
-    "true",
-    "default",
-    "default:width",
-    "default:crop43",
-    "default:2020s",
-    "default:2020s:width",
-    "default:2020s:crop43",
-    "exif",
-    "scaled:0.7",
-    "calibrated:FILE",
-    "focal:3100+-60",
-    "focal35:26+-1",
-)
-_BY = {
-    "diagonal": "by diagonal",
-    "width": "by width",
-    "crop43": "by the diagonal of the 4:3 sensor that the image is cut from",
-}
-# Mean and standard deviation of the 35-mm equivalents, mm, and the name of the prior.
-_PHONES: dict[Phones, tuple[float, float, str]] = {
-    "paper": (DEFAULT_FOCAL_35MM_MM, DEFAULT_FOCAL_35MM_SIGMA_MM, "default phone model"),
-    "2020s": (FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM, "default phone of the 2020s"),
-}
+_FORMS = ("true", *DEFAULT_FORMS, "exif", "scaled:0.7", "calibrated:FILE", "focal:3100+-60", "focal35:26+-1")
 
 
 @dataclass(frozen=True)
@@ -142,24 +112,12 @@ def parse_intrinsics(text: str) -> Intrinsics:
         return _focal("focal35", value, "mm", "focal35:26+-1")
     if name == "true" and not colon:
         return Intrinsics("true", "true")
-    if name == "default" and (found := _default(text)) is not None:
-        return found
+    if (default := parse_default(text)) is not None:
+        return Intrinsics(text, "default", phones=default[0], convention=default[1])
     if name == "exif" and not colon:
         return Intrinsics("exif", "exif")
     hint = did_you_mean(text, _FORMS, cutoff=0.5) or f"use one of {', '.join(_FORMS)}"
     raise UsageError(f"--intrinsics {text}: unknown; {hint}")
-
-
-def _default(text: str) -> Intrinsics | None:
-    words = text.split(":")[1:]
-    phones: Phones = "2020s" if words[:1] == ["2020s"] else "paper"
-    match words[1:] if phones == "2020s" else words:
-        case []:
-            return Intrinsics(text, "default", phones=phones)
-        case [("width" | "crop43") as convention]:
-            return Intrinsics(text, "default", convention=convention, phones=phones)
-        case _:
-            return None
 
 
 def _positive(text: str) -> float | None:
@@ -274,11 +232,8 @@ def _uncertain_camera(
             covariance=spec.covariance,
         )  # fmt: skip
     if spec.kind == "default":
-        mean_mm, sigma_mm, model = _PHONES[spec.phones]
-        sigma = sigma_mm / mean_mm
-        stated = f"{mean_mm} mm (35-mm equivalent, {_BY[spec.convention]})"
-        basis = f"{model}: {stated}, +- {100 * sigma:.1f} %"
-        return _ideal(_focal_px(mean_mm, size, spec.convention), size, sigma, basis)
+        focal_35mm_mm, sigma, basis = default_focal(spec.phones, spec.convention)
+        return _ideal(_focal_px(focal_35mm_mm, size, spec.convention), size, sigma, basis)
     if spec.kind == "focal":
         basis = f"focal length given: {spec.focal:g} px, {_spread(spec.focal_sigma)}"
         return _ideal(spec.focal, size, spec.focal_sigma, basis)
