@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from roundel.scenes.camera.film import FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM
+from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM
 from roundel.scenes.camera.phones import EPOCHS, fit_normal, focal_lengths_mm, read_phones
 
 HOUSE = Path(__file__).resolve().parents[1]
@@ -66,4 +66,8 @@ def test_the_counts_in_the_text_are_those_of_the_table() -> None:
     first, _, last = (fit_normal(focal_lengths_mm(phones, epoch=epoch)) for epoch in EPOCHS)
     assert f"of {first.n} phones up to 2014 the mean is {first.mean:.2f} mm" in text
     assert f"of {last.n} phones, one at 19 mm and one at 35 mm" in text
+    within = [
+        [abs(mm / DEFAULT_FOCAL_35MM_MM - 1) <= 0.3 for mm in focal_lengths_mm(phones, epoch=epoch)] for epoch in EPOCHS
+    ]
+    assert [epoch.count(False) for epoch in within] == [0, 0, 1]  # "one phone of 56, with 19 mm, is outside"
     assert f"has {len(phones)} cameras of {len({phone.name for phone in phones})} phones" in text
