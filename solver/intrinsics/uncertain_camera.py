@@ -51,7 +51,7 @@ class UncertainCamera:
         return replace(self, focal_sigma=0.0, principal_sigma_px=0.0, covariance=None)
 
     def projection_covariance(self) -> Array:
-        """Covariance (3, 3) of the logarithm of the focal length and of the principal point (px), all errors together."""
+        """Covariance (3, 3) of the logarithm of the focal length and of the principal point (px): all errors."""
         total = np.diag([self.focal_sigma**2, self.principal_sigma_px**2, self.principal_sigma_px**2])
         if self.covariance is not None:
             to_log = np.zeros((3, len(self.covariance)))

@@ -151,8 +151,11 @@ def least_squares_covariance(boards: Sequence[BoardCorners], camera: Camera, pos
         Factor on the standard deviations; 1 for none.
     """
     state = _State(camera, poses, np.ones(len(boards)))
-    system, variance = _System.of(boards, state), _noise(boards, state, free=True) ** 2
+    system = _System.of(boards, state)
     inverse = system.covariance()
+    if not np.isfinite(inverse).all():
+        return inverse, 1.0
+    variance = _noise(boards, state, free=True) ** 2
     noise = np.einsum("V,Vij->ij", variance, system.information)
     excess, freedom = system.shared_error(inverse, variance)
     raised = excess if excess > 1.0 + _CHANCE * np.sqrt(2.0 / freedom) else 1.0

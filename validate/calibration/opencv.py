@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,7 +161,7 @@ def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibratio
         )
     layouts, corners = [view.layout for view, _ in found], [c for _, c in found]
     boards = [BoardCorners(board_points_m(layout), c) for layout, c in zip(layouts, corners, strict=True)]
-    camera, rms, poses = _fit(boards, next(iter(sizes)), coefficients)
+    camera, rms, poses = least_squares_camera(boards, next(iter(sizes)), coefficients)
     squared = [
         np.sum((project(camera, board.points_m @ pose[:3, :3].T + pose[:3, 3]) - board.pixels) ** 2, axis=-1)
         for board, pose in zip(boards, poses, strict=True)
@@ -173,8 +173,10 @@ def calibrate_views(views: list[BoardView], coefficients: int = 4) -> Calibratio
     return Calibration(camera, rms, check, [view.frame_id for view, _ in found], missed, covariance, widened)
 
 
-def _fit(boards: list[BoardCorners], size: tuple[int, int], coefficients: int) -> tuple[Camera, float, Array]:
-    """Camera, RMS of the residuals in px, and `camera_from_board` (V, 4, 4)."""
+def least_squares_camera(
+    boards: Sequence[BoardCorners], size: tuple[int, int], coefficients: int = 4
+) -> tuple[Camera, float, Array]:
+    """`cv2.calibrateCamera`: the camera, RMS of the residuals in px, and `camera_from_board` (V, 4, 4)."""
     points = [board.points_m.astype(np.float32) for board in boards]
     pixels = [board.pixels.astype(np.float32) for board in boards]
     flags = 0 if coefficients == 5 else cv2.CALIB_FIX_K3

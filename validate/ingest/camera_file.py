@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.errors import DataError
-from roundel.validate.calibration.opencv import read_camera
 from roundel.validate.calibration.board_bundle import BoardFit
+from roundel.validate.calibration.opencv import read_camera
 
 Array = NDArray[np.float64]
 

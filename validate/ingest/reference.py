@@ -16,8 +16,7 @@ from roundel.scenes.geometry.conic import circle_points_m
 from roundel.scenes.markers.marker import Part
 from roundel.scenes.truth.visibility import inside_image
 from roundel.solver.pose.plane_pose import plane_points, plane_poses
-from roundel.validate.calibration.board_bundle import POSE, BoardFit, adjusted_camera, adjusted_poses
-from roundel.validate.calibration.board_bundle import BoardCorners
+from roundel.validate.calibration.board_bundle import POSE, BoardCorners, BoardFit, adjusted_camera, adjusted_poses
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,16 @@ import pytest
 
 from roundel.scenes.camera.film import DEFAULT_FOCAL_35MM_MM, FOCAL_35MM_2020S_MM, FOCAL_35MM_2020S_SIGMA_MM
 from roundel.scenes.camera.model import Camera, camera_to_json
+from roundel.scenes.camera.parameter_covariance import parameter_names
 from roundel.scenes.errors import DataError, UsageError
 from roundel.solver.intrinsics.exif import ExifTags
-from roundel.solver.intrinsics.specification import camera_for, focal_px_of, parse_intrinsics, uncertain_camera_for
+from roundel.solver.intrinsics.specification import (
+    LENS_SIGMAS,
+    camera_for,
+    focal_px_of,
+    parse_intrinsics,
+    uncertain_camera_for,
+)
 
 K = np.array([[1280.0, 2.0, 600.0], [0.0, 1290.0, 350.0], [0.0, 0.0, 1.0]])
 CAMERA = Camera(1280, 720, K, (0.1, 0.0, 0.0, 0.0), focal_35mm_mm=28.0)
@@ -121,9 +128,33 @@ def test_what_is_exact_has_no_spread(tmp_path):
     file.write_text(json.dumps(camera_to_json(CAMERA)))
     for text in ("true", "scaled:0.7", f"calibrated:{file}"):
         one = assumed(text)
-        assert (one.focal_sigma, one.principal_sigma_px) == (0.0, 0.0)
+        assert one.is_exact
         assert str(tmp_path) not in one.basis
     assert assumed(f"calibrated:{file}").basis == "calibrated camera bench, taken as exact"
+
+
+def test_a_calibration_brings_its_covariance(tmp_path):
+    file = tmp_path / "bench.json"
+    names = list(parameter_names(CAMERA))
+    covariance = np.diag([0.64, 0.64, 1.0, 1.0, 1e-6, 1e-5, 1e-8, 1e-8][: len(names)])
+    about = {"parameters": names, "covariance": covariance.tolist()}
+    file.write_text(json.dumps({**camera_to_json(CAMERA), "calibration": about}))
+    one = assumed(f"calibrated:{file}")
+    np.testing.assert_array_equal(one.covariance, covariance)
+    assert (one.focal_sigma, one.principal_sigma_px) == (0.0, 0.0)
+    sigma = 100 * 0.8 / CAMERA.K[0, 0]
+    assert one.basis == f"calibrated camera bench, with the covariance of its parameters: fx +- {sigma:.2g} %"
+    about["covariance"][0][0] = -1.0
+    file.write_text(json.dumps({**camera_to_json(CAMERA), "calibration": about}))
+    with pytest.raises(DataError, match=r"bench\.json: its covariance is damaged; calibrate the camera again"):
+        parse_intrinsics(f"calibrated:{file}")
+
+
+@pytest.mark.parametrize("text", ["default", "default:2020s:width", "focal:1000", "focal35:26+-1"])
+def test_an_assumed_lens_is_uncertain(text):
+    one = assumed(text)
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)), [0.0] * 4 + list(LENS_SIGMAS))
+    assert one.camera.distortion == ()
 
 
 @pytest.mark.parametrize(

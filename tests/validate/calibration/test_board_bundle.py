@@ -3,13 +3,21 @@
 import numpy as np
 import pytest
 from helpers_albums import CAMERA, chi_square, noisy_boards, pose_error
+from scipy.stats import chi2
 
 from roundel.scenes.camera.model import project
 from roundel.scenes.camera.parameter_covariance import parameter_names
 from roundel.scenes.errors import NotComparableError
 from roundel.scenes.geometry.pose import camera_from_marker_of, normal_of, transform_points
 from roundel.scenes.markers.marker import Part
-from roundel.validate.calibration.board_bundle import BoardCorners, _linearised, _State, adjusted_poses
+from roundel.validate.calibration.board_bundle import (
+    BoardCorners,
+    _linearised,
+    _State,
+    adjusted_poses,
+    least_squares_covariance,
+)
+from roundel.validate.calibration.opencv import least_squares_camera
 from roundel.validate.ingest.reference import beside, calibrated, posed
 
 SIZE = 640, 480
@@ -75,6 +83,41 @@ def test_an_uncertain_camera_makes_poses_less_certain():
     # A focal length of 560 +- 2 px alone moves the board along its ray by 2 / 560 of its distance.
     assert np.sqrt(more[:, 5, 5]) == pytest.approx(poses[:, 2, 3] * 2 / 560, rel=0.5)
     assert parameter_names(CAMERA) == ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+
+
+@pytest.mark.parametrize("views", [5, 20])
+def test_the_covariance_of_opencvs_calibration_is_that_of_its_replicates(views):
+    # Corners of some views scatter four times as much as those of others; OpenCV weights them alike.
+    rng = np.random.default_rng(8)
+    found = []
+    while len(found) < 40:
+        boards, _ = noisy_boards(rng, views, (0.03, 0.12))
+        camera, _, poses = least_squares_camera(boards, SIZE)
+        covariance, widened = least_squares_covariance(boards, camera, poses)
+        assert widened < 1.6
+        found.append(chi_square(parameters(camera) - parameters(CAMERA), covariance))
+    # Chi-square of eight degrees of freedom over 40 sets: a mean of 8 scatters by 0.63; covariances from the residuals
+    # of five views are themselves uncertain.
+    assert np.mean(found) == pytest.approx(8.0, abs=2.5)
+    assert np.mean(np.array(found) < chi2.ppf(0.95, 8)) > 0.84
+
+
+def test_the_covariance_of_calibration_knows_a_bent_board():
+    boards, _ = noisy_boards(np.random.default_rng(9), 14, (0.02, 0.02))
+    x, y = boards[0].points_m[:, :2].T / 0.05
+    bent = [BoardCorners(b.points_m, b.pixels + np.stack([0.5 * x * y, 0.5 * x**2], axis=-1)) for b in boards]
+    for of, more in ((boards, False), (bent, True)):
+        camera, _, poses = least_squares_camera(of, SIZE)
+        assert (least_squares_covariance(of, camera, poses)[1] > 1.5) == more
+
+
+def test_views_that_leave_the_camera_open_have_no_covariance():
+    points = noisy_boards(np.random.default_rng(7), 1, (0.05, 0.05))[0][0].points_m
+    frontal = [BoardCorners(points, frontal_px(points, 0)) for _ in range(4)]
+    poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (4, 1, 1))
+    poses[:, 2, 3] = 0.4
+    covariance, _ = least_squares_covariance(frontal, CAMERA, poses)
+    assert not np.isfinite(covariance).all()
 
 
 def test_a_bent_board_widens_the_covariance():

@@ -53,7 +53,8 @@ def test_a_single_camera_has_an_interval_over_its_calibrations():
 def test_too_few_have_no_interval(cameras, sets):
     found = nested_factor(sample(np.random.default_rng(4), cameras, sets=sets))
     assert found.value > 0
-    assert found.low is None and found.high is None
+    assert found.low is None
+    assert found.high is None
     assert "fewer than" in found.method
     assert nested_factor([]).value is None
 
