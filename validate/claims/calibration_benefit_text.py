@@ -29,6 +29,13 @@ _DEGREE = "\N{DEGREE SIGN}"
 _UNITS = {"distance_D": " D", "tilt_deg": f"{_DEGREE} of tilt", "off_axis_deg": _DEGREE}
 Rows = NDArray[np.int64]
 
+# Other boards of the same camera change the factor several times over, another camera by an order of magnitude
+# (benchmarks/calibration/benefit.md).
+ONE_CAMERA = (
+    "This is one camera, and one set of views for each calibration: the intervals are over the circles in front of "
+    "them. Another camera, or other views of the boards, give other factors."
+)
+
 
 def title_of(label: str) -> str:
     """Displayed name of intrinsics or of the chessboard."""
@@ -51,6 +58,7 @@ def answer(worth: CalibrationBenefit) -> list[str]:
         f"{source} is beneficial, that is, it reduces the median error with {title_of(worth.uncalibrated)} intrinsics "
         f"by more than a factor of {FACTOR:g}, for the {short}.",
         *(_of_error(worth, error) for error in ERRORS),
+        ONE_CAMERA,
         *_more_views(worth),
         *_other_intrinsics(worth),
         *_focal_alone(worth),

@@ -73,7 +73,8 @@ def benefit_pictures(worth: CalibrationBenefit) -> list[Picture]:
 
     caption = (
         f"Does calibration pay off? Method {worth.method}: median error of the better candidate with its 95 % interval "
-        f"as a band, on the same circles with every kind of intrinsics. On the axis: within "
+        f"as a band, on the same circles with every kind of intrinsics; one camera, one set of views a calibration, so "
+        f"the bands are over circles only. On the axis: within "
         f"{ON_AXIS_DEG:g}\N{DEGREE SIGN} of it, as in the paper. Camera frame; D: marker diameters; reprojection in "
         "the delivered image, a grid around the circle. Chessboard: the circle's pose from the board beside the "
         "marker, by solvePnP."
