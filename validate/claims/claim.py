@@ -92,9 +92,11 @@ class Claim:
     findings : sequence of Finding
         The paper's own condition first.
     condition : str
-        The condition under which the claim is true.
+        What decides whether the claim is true.
     conditional : bool
         Whether the claim is known to be true only under that condition, even if these frames show one side.
+    weaker : str
+        A weaker claim, as a clause: that of the findings on the optical axis that are not `main`. Empty if there is none.
     remarks : sequence of (str, str)
         Name of a condition, and an additional observation that is not tested.
     """
@@ -105,6 +107,7 @@ class Claim:
     findings: Sequence[Finding]
     condition: str
     conditional: bool = False
+    weaker: str = ""
     remarks: Sequence[tuple[str, str]] = ()
 
 

@@ -147,8 +147,8 @@ def normal_focal(settings: Sequence[Condition]) -> Claim | None:
         return None
     off = any(not f.on_axis for f in findings)
     condition = (
-        "True because the marker is on the optical axis, where a wrong focal length changes only the depth. Off axis "
-        "it rotates the line of sight and with it the normal, at any distance (by theory 12.6\N{DEGREE SIGN} at "
+        "On the optical axis, where the paper's marker is, a wrong focal length changes only the depth. Off axis it "
+        "rotates the line of sight and with it the normal, at any distance (by theory 12.6\N{DEGREE SIGN} at "
         "20\N{DEGREE SIGN} off axis with x0.7 at the worst azimuth)"
     )
     condition += "; both are measured here." if off else "; these frames have no marker there, see study wrong_focal."

@@ -31,8 +31,8 @@ def reprojection_calibrated(settings: Sequence[Condition]) -> Claim | None:
         "With the right focal length the reprojection error grows with the distance.",
         "section V-B, figures of the reprojected points, synthetic and real",
         findings,
-        "True if the number of edge points is that of the contour's pixels, so that farther markers give fewer (slope "
-        "0.5 in theory). With a fixed number of points the error is constant.",
+        "The number of edge points decides: with as many as the contour has pixels, farther markers give fewer, and "
+        "the error grows (slope 0.5 in theory). With a fixed number of points the error is constant.",
         conditional=True,
     )
 
@@ -148,9 +148,9 @@ def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
         "Far away, the reprojection error with a wrong focal length is near that with the right one.",
         "section V-B and conclusion, figures of the reprojected points, synthetic and real",
         findings,
-        "The distance at which the curves meet depends on the noise of the edges and the extent of the reprojected "
-        "points: bias grows with the square of their distance from the marker, noise linearly. With an edge noise of "
-        "1 px they meet in the paper's range; with more precise detection, farther away.",
+        "The curves meet where the noise of the edges hides the bias. With an edge noise of 1 px this is in the "
+        "paper's range; with more precise detection, farther away. The extent of the reprojected points matters, too: "
+        "bias grows with the square of their distance from the marker, noise linearly.",
         conditional=True,
         remarks=remarks,
     )

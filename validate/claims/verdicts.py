@@ -50,11 +50,15 @@ class Verdict:
         `HOLDS`, `CONDITION`, `FALSE` or `OPEN`.
     settings : tuple of (str, str)
         The outcome's reason by condition: the condition's name (empty if there is only one), and sentences.
+    qualifier : str
+        A sentence that goes with the outcome: where a claim holds that does not hold everywhere, or the weaker claim
+        that holds instead of a false one; empty if there is nothing to add.
     """
 
     claim: Claim
     outcome: str
     settings: tuple[tuple[str, str], ...]
+    qualifier: str = ""
 
     @property
     def sentence(self) -> str:
@@ -92,7 +96,7 @@ def verdicts_of(table: Rows, study: dict[str, Any]) -> list[Verdict]:
     tested = [f.p for claim in claims for f in claim.findings if f.p is not None]
     adjusted = iter(holm(tested).tolist() if tested else [])
     return [
-        _verdict(replace(c, findings=[decided(f, next(adjusted) if f.p is not None else None) for f in c.findings]))
+        verdict_on(replace(c, findings=[decided(f, next(adjusted) if f.p is not None else None) for f in c.findings]))
         for c in claims
     ]
 
@@ -106,22 +110,45 @@ def decided(finding: Finding, p_adjusted: float | None) -> Finding:
     return replace(finding, p_adjusted=p_adjusted, holds=finding.inside if sure else None, reason=reason)
 
 
-def _verdict(claim: Claim) -> Verdict:
-    return Verdict(claim, _outcome(claim), _by_setting(claim))
+def verdict_on(claim: Claim) -> Verdict:
+    """The verdict on a claim whose findings are decided."""
+    outcome = _outcome(claim)
+    return Verdict(claim, outcome, _by_setting(claim), _qualifier(claim, outcome))
 
 
 def _outcome(claim: Claim) -> str:
-    """The main findings on the axis decide; other findings that contradict them make the outcome conditional."""
-    own = [f.holds for f in claim.findings if f.main and f.on_axis]
-    beside = [f.holds for f in claim.findings if not (f.main and f.on_axis)]
-    if all(h is None for h in own):
+    """The main findings on the axis decide; where they hold, findings that contradict them make it conditional."""
+    own = {f.holds for f in claim.findings if f.main and f.on_axis} - {None}
+    if not own:
         return OPEN
-    said = {h for h in (*own, *beside) if h is not None}
-    if said == {True}:
-        return CONDITION if claim.conditional else HOLDS
-    if said == {False}:
+    if own == {False}:
         return FALSE
-    return CONDITION
+    contradicted = any(f.holds is False for f in claim.findings)
+    return CONDITION if contradicted or claim.conditional else HOLDS
+
+
+def _qualifier(claim: Claim, outcome: str) -> str:
+    """Where a conditional claim holds, or the weaker claim that holds instead of a false one."""
+    main = [f for f in claim.findings if f.main]
+    true, false = ([f.where for f in main if f.holds is holds] for holds in (True, False))
+    if outcome == CONDITION:
+        if false:
+            return f"It holds for {_list(true)}; it does not hold for {_list(false)}."
+        beside = next((f.statistic for f in claim.findings if f.holds is False), "")
+        return f"It holds, but not in this respect: {beside}." if beside else "These frames meet the condition."
+    if outcome != FALSE:
+        return ""
+    if true:
+        return f"It holds only for {_list(true)}."
+    weaker = {f.holds for f in claim.findings if f.on_axis and not f.main} - {None}
+    if not claim.weaker or not weaker:
+        return ""
+    return f"A weaker claim holds: {claim.weaker}." if weaker == {True} else ""
+
+
+def _list(names: list[str]) -> str:
+    once = list(dict.fromkeys(names))
+    return " and ".join(filter(None, [", ".join(once[:-1]), once[-1]]))
 
 
 _WORDS = {True: "holds", False: "does not hold", None: "not decided"}
@@ -160,6 +187,7 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
         "claim": claim.claim,
         "source": claim.source,
         "outcome": verdict.outcome,
+        "qualifier": verdict.qualifier,
         "sentence": verdict.sentence,
         "settings": [{"where": where, "text": text} for where, text in verdict.settings],
         "condition": claim.condition,

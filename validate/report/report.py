@@ -101,7 +101,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
 def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[dict[str, Any]]:
     """Verdicts with their figures; each figure is shown once, beside the first verdict that names it."""
     left = {shown["name"]: shown for shown in figures(pictures)}
-    keys = ("claim", "outcome", "sentence", "condition")
+    keys = ("claim", "outcome", "qualifier", "sentence", "condition")
     rows = [
         {
             **{k: v.get(k) for k in keys},

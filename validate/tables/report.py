@@ -208,7 +208,8 @@ def _errors(runs: Sequence[Run], which: str, error: Metric, title: str = "") -> 
 def verdict_table(verdicts: Sequence[dict[str, Any]]) -> Table:
     """The claims and their outcomes."""
     columns = (
-        Column("claim", "Claim"), Column("outcome", "Outcome"), Column("sentence", "Finding"),
+        Column("claim", "Claim"), Column("outcome", "Outcome"), Column("qualifier", "Qualifier"),
+        Column("sentence", "Finding"),
         Column("condition", "Condition"), Column("statistic", "Statistic"),
     )  # fmt: skip
     rows = tuple(tuple(_text(v.get(c.key)) for c in columns) for v in verdicts)
