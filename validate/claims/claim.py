@@ -96,7 +96,8 @@ class Claim:
     conditional : bool
         Whether the claim is known to be true only under that condition, even if these frames show one side.
     weaker : str
-        A weaker claim, as a clause: that of the findings on the optical axis that are not `main`. Empty if there is none.
+        A weaker claim, as a clause, which the findings on the optical axis that are not `main` decide; empty if there
+        is none.
     remarks : sequence of (str, str)
         Name of a condition, and an additional observation that is not tested.
     """

@@ -67,7 +67,7 @@ def position_calibrated(settings: Sequence[Condition]) -> Claim | None:
         "In theory the error in D grows with a power of the distance: 2.5 with as many edge points as the contour has "
         "pixels, 2 with a fixed number.",
         weaker="on an axis that extends to the uncalibrated curves, the calibrated curve looks constant: it rises by "
-        f"less than {OF_HEIGHT:.0%} of their height",
+        f"less than {100 * OF_HEIGHT:g} % of their height",
         remarks=remarks,
     )
 

@@ -121,9 +121,9 @@ def choice_score(stated: ArrayLike, right: ArrayLike) -> Array:
     Parameters
     ----------
     stated : (...) array_like
-        Probability of the likelier candidate, 0.5 to 1.
+        Probability of a statement, 0 to 1: that the likelier candidate is the right one, that a detection is a circle.
     right : (...) array_like of bool
-        Whether it is the right one.
+        Whether the statement is right.
 
     Examples
     --------
@@ -134,3 +134,26 @@ def choice_score(stated: ArrayLike, right: ArrayLike) -> Array:
     of_true = np.where(np.asarray(right, dtype=bool), p, 1 - p)
     # A certainty that is wrong would have an infinite score.
     return np.asarray(-np.log(np.clip(of_true, _SURE, 1.0)))
+
+
+def brier_score(stated: ArrayLike, right: ArrayLike) -> Array:
+    """Squared distance of a stated probability from what came true: a proper score, smaller is better; (...) array.
+
+    Parameters
+    ----------
+    stated : (...) array_like
+        Probability of a statement, 0 to 1.
+    right : (...) array_like of bool
+        Whether the statement is right.
+
+    Notes
+    -----
+    G. W. Brier, Verification of forecasts expressed in terms of probability, Monthly Weather Review 78 (1950), for one
+    of the two outcomes.
+
+    Examples
+    --------
+    >>> brier_score([0.5, 1.0, 1.0], [True, True, False]).tolist()
+    [0.25, 0.0, 1.0]
+    """
+    return np.asarray((np.asarray(stated, dtype=np.float64) - np.asarray(right, dtype=bool)) ** 2)

@@ -12,12 +12,13 @@ from roundel.validate.figures.overlays import Overlay
 from roundel.validate.figures.svg import Picture
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary, shown_table
 from roundel.validate.report.summary_text import commands, main_run, sentences
+from roundel.validate.scores.stated_uncertainty import ASKED, NARROW, WIDE, region_text
 from roundel.validate.scores.summary import Summary, detected_without_pose, number
 from roundel.validate.tables.report import fidelity_table, metric_table, pairs_table, report_tables
 from roundel.validate.tables.table import Table
 
 # Style of an outcome; the word itself carries the meaning for readers who cannot see colours.
-_COLOURS = {"holds": "good", "does not hold": "bad"}
+_COLOURS = {"holds": "good", "does not hold": "bad", NARROW: "bad", WIDE: "bad"}
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,8 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
         uncertainty=figures(pictures.uncertainty),
         tables=tables,
         no_calibration=reason,
+        regions=_regions(summary),
+        asked=ASKED,
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],
         definitions=shown_table(metric_table(summary.metrics)),
         commands=commands(summary),
@@ -113,6 +116,20 @@ def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[d
     ]
     # Figures that no verdict names come last, without text, so that the list contains only claims.
     return [*rows, *({**dict.fromkeys(keys), "settings": [], "colour": "", "figure": shown} for shown in left.values())]
+
+
+def _regions(summary: Summary) -> list[dict[str, str]]:
+    """Whether the 95 % regions of each run hold the truth."""
+    return [
+        {
+            "run": f"{run['method']}, {run['intrinsics']}",
+            "outcome": found["verdict"],
+            "colour": _COLOURS.get(found["verdict"], ""),
+            "text": f"{region_text(found)}.".capitalize(),
+        }
+        for run in summary.runs
+        if (found := (run.get("coverage") or {}).get("oracle"))
+    ]
 
 
 def _groups(groups: dict[str, int], most: int = 8) -> str:

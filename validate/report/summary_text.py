@@ -6,6 +6,7 @@ import shlex
 from typing import Any
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+from roundel.validate.scores.stated_uncertainty import ASKED, HOLDS, NARROW, OPEN, WIDE, region_text
 from roundel.validate.scores.summary import CHESSBOARD, Summary, detected_without_pose, main_key, number
 
 Run = dict[str, Any]
@@ -60,8 +61,23 @@ def sentences(summary: Summary) -> list[str]:
         )
     if main["solved"]:
         found.append(_choice_sentence(main))
+    stated = main["coverage"]["oracle"]
+    if stated:
+        found.append(f"Do its 95 % regions hold the truth? {_region_sentence(stated)}")
     found.extend(_calibration_sentences(summary))
     return found
+
+
+_REGIONS = {
+    HOLDS: "Yes",
+    NARROW: "No, they are too narrow",
+    WIDE: "No, they are too wide",
+    OPEN: "These frames cannot decide",
+}
+
+
+def _region_sentence(found: dict[str, Any]) -> str:
+    return f"{_REGIONS[found['verdict']]}: {region_text(found)} ({ASKED} asked for)."
 
 
 def _false_sentence(run: Run) -> str:

@@ -10,6 +10,8 @@ run_statistics: Statistics of a run: errors with intervals over frames, rates, r
 scores: Scores: one row for every true circle, method, intrinsics and reference, solved or not
 scores_on_disk: Scores of a dataset on disk: the few of a small dataset are read at once, of a large one a column
     when it is used
+stated_uncertainty: What a run states of itself, held against the truth: regions of its poses, and probabilities of
+    two kinds
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid
 summary_schema: summary.json as a strict schema, as far as other commands read it
 """

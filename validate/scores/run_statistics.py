@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from roundel.validate.metrics.metric import (
     Metric,
 )
 from roundel.validate.metrics.rows import Rows, column, flag_column
-from roundel.validate.metrics.uncertainty import choice_score, percentile_of
 from roundel.validate.statistics.intervals import (
     LEVEL,
     MIN_SAMPLES,
@@ -61,12 +59,6 @@ class Recall:
         """Unit of the thresholds."""
         return self.unit_of_thresholds or self.metric.unit
 
-
-# Regions of a pose that should hold the truth this often.
-COVERAGE_LEVELS = (0.5, 0.9, 0.95, 0.99)
-_PERCENTILE_BINS = 20
-# Of the probability of the likelier candidate; the last bin has those that are certain.
-_CHOICE_EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.01)
 
 RECALLS = (
     Recall(NORMAL, (0.1, 0.5, 1.0, 2.0, 5.0)),
@@ -177,68 +169,6 @@ def run_statistics(part: Rows, width_px: Array) -> dict[str, Any]:
         "identities_read": int(pc.count(part["identity_correct"]).as_py()),
         "identities_correct": int(pc.sum(part["identity_correct"]).as_py() or 0),
         "recall": recalls(part, width_px),
-        "choice": choice(part),
-        "coverage": {"oracle": coverage(part, "oracle_"), "chosen": coverage(part, "")},
-    }
-
-
-def choice(part: Rows) -> dict[str, Any] | None:
-    """How often the likelier of two candidates is right, by its stated probability; None if none is likelier.
-
-    Returns
-    -------
-    dict or None
-        `n` poses, `stated` mean probability, `right` rate with Wilson's interval over frames, the mean logarithmic
-        score, and `bins`: of poses of like probability the same.
-    """
-    if "likelier_probability" not in part.column_names:
-        return None
-    stated = column(part, "likelier_probability")
-    known = np.isfinite(stated)
-    if not known.any():
-        return None
-    stated, frame = stated[known], part["frame_id"].to_numpy()[known]
-    right = column(part, "likelier_correct")[known] > 0
-    bins = []
-    for low, high in pairwise(_CHOICE_EDGES):
-        here = (stated >= low) & (stated < high)
-        if here.any():
-            bins.append({"stated": float(stated[here].mean()), **rate(right[here], frame[here])})
-    score = choice_score(stated, right)
-    facts = {"stated": float(stated.mean()), "right": rate(right, frame), "log_score": float(score.mean())}
-    return {"n": len(stated), **facts, "bins": bins}
-
-
-def coverage(part: Rows, prefix: str) -> dict[str, Any] | None:
-    """How often the truth lies in the regions that a method states; None if it states none.
-
-    Parameters
-    ----------
-    part : Rows
-    prefix : {"oracle_", ""}
-        Of the better candidate, or of the chosen one.
-
-    Returns
-    -------
-    dict or None
-        `n` poses with a covariance, the share of truths within the regions of `COVERAGE_LEVELS` with Wilson's interval
-        over frames, the counts of the chi-square's percentile in even bins (alike if covariances hold), the median
-        chi-square (4.35 then) and the mean logarithmic score.
-    """
-    if f"{prefix}pose_chi2" not in part.column_names:
-        return None
-    chi2 = column(part, f"{prefix}pose_chi2")
-    known = np.isfinite(chi2)
-    if not known.any():
-        return None
-    percentile, frame = percentile_of(chi2[known]), part["frame_id"].to_numpy()[known]
-    counts, _ = np.histogram(percentile, bins=_PERCENTILE_BINS, range=(0.0, 1.0))
-    return {
-        "n": int(known.sum()),
-        "levels": [{"level": level, **rate(percentile <= level, frame)} for level in COVERAGE_LEVELS],
-        "percentiles": counts.tolist(),
-        "median_chi2": float(np.median(chi2[known])),
-        "log_score": float(np.mean(column(part, f"{prefix}pose_log_score")[known])),
     }
 
 

@@ -31,6 +31,7 @@ from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
 from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
 from roundel.validate.scores.run_statistics import run_statistics, statistics_of
 from roundel.validate.scores.scores import Scores
+from roundel.validate.scores.stated_uncertainty import ASKED, region_text, stated_statistics
 
 Array = NDArray[np.float64]
 
@@ -207,12 +208,13 @@ def summarise(
     for key in run_keys(scores.table):
         mine = tables[key] = run_rows(scores.table, key)
         label = dict(zip(RUN, key, strict=True))
-        runs.append({**label, **run_statistics(mine, width(mine)), **_false(scores, key)})
+        runs.append({**label, **run_statistics(mine, width(mine)), **stated_statistics(mine), **_false(scores, key)})
         names = mine["group"].unique().to_pylist()
         for name in names:
             part = mine if len(names) == 1 else those(mine, where_text(mine, group=name))
             if len(names) > 1:
-                by_group.append({**label, "group": name, **run_statistics(part, width(part))})
+                found = {**run_statistics(part, width(part)), **stated_statistics(part)}
+                by_group.append({**label, "group": name, **found})
             cells.extend(_cells(part, label, name))
         failures += [{**label, "reason": why, "count": count} for why, count in _failures(mine)]
     manifest = dataset.manifest
@@ -354,7 +356,18 @@ def terminal_table(summary: Summary) -> str:
 
     extent = summary.settings["reprojection_extent_D"]
     note = f"median / 95th percentile; oracle: the candidate nearer to the truth; reprojection +-{extent:g} D"
-    return "\n".join([*map(aligned, lines), note, *_without_poses(summary)])
+    return "\n".join([*map(aligned, lines), note, *_without_poses(summary), *_regions(summary)])
+
+
+def _regions(summary: Summary) -> list[str]:
+    """Whether the regions of 95 % hold the truth, one line for each run that states any."""
+    stated = [(run, (run.get("coverage") or {}).get("oracle")) for run in summary.runs]
+    lines = [
+        f"  {run['method']}, {run['intrinsics']}: {found['verdict']}; {region_text(found)}"
+        for run, found in stated
+        if found
+    ]
+    return [f"95 % regions hold the truth ({ASKED} asked for):", *lines] if lines else []
 
 
 def detected_without_pose(run: dict[str, Any]) -> int:

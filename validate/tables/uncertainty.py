@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from roundel.validate.scores.run_statistics import COVERAGE_LEVELS
+from roundel.validate.scores.stated_uncertainty import ASKED, COVERAGE_LEVELS
 from roundel.validate.tables.table import Cell, Column, Table
+
+_SCORES = ("log_score", "brier", "brier_constant")
 
 
 def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
@@ -20,7 +22,8 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
         name, title = f"within_{100 * level:g}", f"In the {100 * level:g} % region"
         columns += [Column(f"{name}_pct", title, "%"), Column(f"{name}_low_pct", title, "%", "low"),
                     Column(f"{name}_high_pct", title, "%", "high")]  # fmt: skip
-    columns += [Column("median_chi2", "Chi-square", "median"), Column("log_score", "Log score", "mean")]
+    columns += [Column("median_chi2", "Chi-square", "median"), Column("log_score", "Log score", "mean"),
+                Column("verdict", "95 % regions hold the truth")]  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         found = (run.get("coverage") or {}).get("oracle")
@@ -31,12 +34,14 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
                 for end in ("rate", "low", "high")
             ]
             head = (run["method"], run["intrinsics"], found["n"])
-            rows.append((*head, *shares, found["median_chi2"], found["log_score"]))
+            rows.append((*head, *shares, found["median_chi2"], found["log_score"], found["verdict"]))
     note = (
         "Share of poses whose truth lies in the region that the method states for that probability, with its 95 % "
         "interval in brackets: the same number, if the covariance holds. Of the better candidate, five degrees of "
         "freedom (the normal's two angles and the centre); the median chi-square would be 4.35. Log score: minus the "
-        "logarithm of the stated density at the truth, in metres and radians; smaller is better."
+        "logarithm of the stated density at the truth, in metres and radians; smaller is better. Verdict: by the "
+        f"interval of the 95 % region's share, all of which is within {ASKED}, below it (too narrow) or above it (too "
+        "wide)."
     )
     return Table("uncertainty", "Uncertainty", tuple(columns), tuple(rows), note)
 
@@ -50,20 +55,25 @@ def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
         Column("right_low_pct", "", "%", "low"),
         Column("right_high_pct", "", "%", "high"),
         Column("log_score", "Log score", "mean of all"),
+        Column("brier", "Brier score", "mean of all"),
+        Column("brier_constant", "Of a constant", role="tail"),
     ]
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         found = run.get("choice")
         if not found:
             continue
-        for entry in (*found["bins"], {"stated": found["stated"], **found["right"]}):
+        bins = found["bins"] if len(found["bins"]) > 1 else []
+        for entry in (*bins, {**found, **found["right"]}):
             share = [None if entry[end] is None else 100 * entry[end] for end in ("rate", "low", "high")]
-            score = found["log_score"] if entry["n"] == found["n"] else None
-            rows.append((run["method"], run["intrinsics"], entry["n"], 100 * entry["stated"], *share, score))
+            whole = "log_score" in entry
+            scores = [entry[name] if whole else None for name in _SCORES]
+            rows.append((run["method"], run["intrinsics"], entry["n"], 100 * entry["stated"], *share, *scores))
     note = (
         "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
         "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all. Log "
-        "score: minus the logarithm of the probability stated for the right candidate; 0.693 says nothing, smaller is "
-        "better."
+        "score: minus the logarithm of the probability stated for the right candidate; 0.693 says nothing. Brier "
+        "score: mean square of the stated probability minus the outcome, 0 or 1; after the slash that of the one "
+        "constant that is right on average. Smaller is better in both."
     )
-    return Table("choice", "Which candidate", tuple(columns), tuple(dict.fromkeys(rows)), note)
+    return Table("choice", "Which candidate", tuple(columns), tuple(rows), note)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,16 @@ from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.geometry.pose import minimal_rotation
-from roundel.validate.scores.run_statistics import COVERAGE_LEVELS
 from roundel.validate.scores.scores import UNCERTAINTY
-from roundel.validate.scores.summary import Summary
+from roundel.validate.scores.stated_uncertainty import (
+    COVERAGE_LEVELS,
+    HOLDS,
+    NARROW,
+    OPEN,
+    WIDE,
+    region_verdict,
+)
+from roundel.validate.scores.summary import Summary, terminal_table
 from roundel.validate.validate import validate_dataset
 
 SIGMA = np.array([2e-4, 2e-4, 1e-3, 3e-4, 3e-4])
@@ -71,6 +79,8 @@ def test_coverage_tells_honest_from_bold_and_shy(report: tuple[Path, Summary]) -
     assert at_95["bold"]["high"] < 0.8
     assert at_95["shy"]["rate"] == 1.0
     assert at_95["mad"]["rate"] == 0.0
+    verdicts = {name: share["verdict"] for name, share in found.items() if share}
+    assert verdicts == {"honest": HOLDS, "bold": NARROW, "shy": WIDE, "mad": NARROW}
     assert found["honest"]["median_chi2"] == pytest.approx(4.35, abs=0.7)
     assert min(found, key=lambda name: found[name]["log_score"] if found[name] else np.inf) == "honest"
     assert sum(found["bold"]["percentiles"]) == found["bold"]["n"] == 270
@@ -90,6 +100,38 @@ def test_the_columns_and_the_page(report: tuple[Path, Summary]) -> None:
     assert "Is the stated uncertainty right?" in page
     assert 'id="figure-uncertainty"' in page
     assert (folder / "tables" / "uncertainty.csv").read_text().count("\n") == 5
+
+
+def test_the_verdict_is_in_the_report_and_on_the_terminal(report: tuple[Path, Summary]) -> None:
+    folder, summary = report
+    page = (folder / "report.html").read_text()
+    lines = terminal_table(summary).splitlines()
+    at = lines.index("95 % regions hold the truth (90 to 98 % asked for):")
+    assert [line.split(";")[0].strip() for line in lines[at + 1 :]] == [
+        "bold, true: too narrow", "honest, true: holds", "mad, true: too narrow", "shy, true: too wide",
+    ]  # fmt: skip
+    for outcome, run in ((NARROW, "bold"), (HOLDS, "honest"), (NARROW, "mad"), (WIDE, "shy")):
+        assert re.search(rf">{outcome}</strong> {run}, true <span", page)
+    assert "Do its 95 % regions hold the truth? No, they are too narrow: they hold the truth of" in page
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [
+        (0.90, 0.98, HOLDS),
+        (0.92, 0.96, HOLDS),
+        (0.89, 0.96, OPEN),
+        (0.92, 0.99, OPEN),
+        (0.80, 0.99, OPEN),
+        (0.85, 0.899, NARROW),
+        (0.88, 0.90, OPEN),
+        (0.981, 1.0, WIDE),
+        (0.98, 1.0, OPEN),
+        (None, None, OPEN),
+    ],
+)
+def test_the_whole_interval_decides(low: float | None, high: float | None, verdict: str) -> None:
+    assert region_verdict({"rate": 0.95, "low": low, "high": high}) == verdict
 
 
 def test_a_report_without_covariances_has_no_such_section(dataset: Dataset, tmp_path: Path) -> None:
