@@ -40,13 +40,14 @@ from roundel.validate.figures.calibration import calibration_pictures
 from roundel.validate.figures.calibration_benefit import benefit_pictures
 from roundel.validate.figures.error_curves import pictures
 from roundel.validate.figures.errors_by_variable import variable_pictures
-from roundel.validate.figures.overlays import worst
+from roundel.validate.figures.overlays import worst, worst_stated_overlays
+from roundel.validate.figures.reliability import reliability_pictures
 from roundel.validate.figures.robustness import sweep_pictures
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
 from roundel.validate.figures.uncertainty import uncertainty_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
-from roundel.validate.report.report import Pictures, render_report
+from roundel.validate.report.report import Overlays, Pictures, render_report
 from roundel.validate.report.summary_text import main_run
 from roundel.validate.scores.false_positives import false_positives_parquet
 from roundel.validate.scores.report_files import FALSE_POSITIVES, SCORES, SUMMARY
@@ -55,6 +56,7 @@ from roundel.validate.scores.scores_on_disk import ScoresOnDisk
 from roundel.validate.scores.summary import Summary, summarise, summary_record
 from roundel.validate.tables.report import NAMES, report_tables
 from roundel.validate.tables.table import Table
+from roundel.validate.tables.uncertainty import worst_stated_table
 from roundel.validate.tables.writers import write_tables
 
 REPORT = "report.html"
@@ -160,8 +162,9 @@ def _write_report(
         caveats=found.caveats,
     )
     pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
-    compared = _compared(scores, summary)
-    html = render_report(summary, pictures, worst(dataset, scores), compared)
+    more = [*_compared(scores, summary), *(t for t in [worst_stated_table(scores.table)] if t.rows)]
+    overlays = Overlays(worst(dataset, scores), worst_stated_overlays(dataset, scores))
+    html = render_report(summary, pictures, overlays, more)
     # Without its summary a folder is no report: it comes last, and that of an earlier report goes first.
     Folder(out).make()
     clear_leftovers(out)
@@ -171,7 +174,7 @@ def _write_report(
     write_file(out / FALSE_POSITIVES, false)
     write_file(out / REPORT, html.encode())
     write_figures(out, pictures.all())
-    write_tables(out, [*report_tables(summary).values(), *compared], NAMES)
+    write_tables(out, [*report_tables(summary).values(), *more], NAMES)
     write_file(out / SUMMARY, document_of(summary_record(summary)))
     return summary
 
@@ -219,6 +222,7 @@ def _pictures(
         ),
         calibration=calibration_pictures(calibrations.several),
         uncertainty=uncertainty_pictures(summary.runs),
+        reliability=reliability_pictures(summary.runs),
     )
 
 

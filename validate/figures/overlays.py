@@ -20,6 +20,7 @@ from roundel.solver.detect.chessboard_corners import grey
 from roundel.validate.metrics.pose_errors import contour_of_ellipse_px
 from roundel.validate.metrics.rows import flag_column, in_memory
 from roundel.validate.scores.scores import Scores
+from roundel.validate.scores.stated_uncertainty import worst_stated
 from roundel.validate.scores.summary import CHESSBOARD, number, run_keys, run_rows
 
 Array = NDArray[np.float64]
@@ -45,14 +46,11 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
     Each method shows the frames of its most accurate intrinsics, because a wrong focal length affects all frames alike.
     """
     found: list[Overlay] = []
-    known = [(method, label) for method, label, reference in run_keys(scores.table) if reference == "truth"]
-    methods = sorted({method for method, _ in known} - {CHESSBOARD})
+    known = _accurate(scores)
     # Many methods share the space of the page.
-    errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * len(methods)))) for n in (errors, failures))
-    for method in methods[: _MAX_OVERLAYS // 2]:
-        labels = (label for m, label in known if m == method)
-        label = min(labels, key=lambda x: (not IntrinsicsLabel.of(x).is_right, IntrinsicsLabel.of(x).rank))
-        rows = run_rows(scores.table, (method, label, "truth"))
+    errors, failures = (max(1, min(n, _MAX_OVERLAYS // (2 * max(1, len(known))))) for n in (errors, failures))
+    for key in known[: _MAX_OVERLAYS // 2]:
+        rows = run_rows(scores.table, key)
         order = [("oracle_normal_error_deg", "descending"), ("frame_id", "ascending"), ("marker_id", "ascending")]
         posed = rows.filter(rows["oracle_normal_error_deg"].is_valid())
         keys = pa.table({name: posed[name] for name, _ in order})
@@ -61,11 +59,48 @@ def worst(dataset: Dataset, scores: Scores, errors: int = 6, failures: int = 6) 
         # Failures from the whole run are more informative than the first few.
         step = max(1, len(lost) // failures)
         spread = in_memory(rows, pa.array(lost[::step][:failures])).to_pylist()
-        found.extend(_overlay(dataset, scores, row) for row in (*ranked, *spread))
+        found.extend(_overlay(dataset, scores, row, _errors(row)) for row in (*ranked, *spread))
     return found
 
 
-def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
+def worst_stated_overlays(dataset: Dataset, scores: Scores, count: int = 3) -> list[Overlay]:
+    """Overlays of the circles whose truth is farthest outside of what was stated for them; as `worst` otherwise."""
+    return [
+        _overlay(dataset, scores, row, _stated(row))
+        for key in _accurate(scores)[: _MAX_OVERLAYS // (4 * count)]
+        for row in worst_stated(run_rows(scores.table, key), count)
+    ]
+
+
+def _accurate(scores: Scores) -> list[tuple[str, str, str]]:
+    """The run of each method with its most accurate intrinsics, against the truth."""
+    known = [(method, label) for method, label, reference in run_keys(scores.table) if reference == "truth"]
+    found = []
+    for method in sorted({method for method, _ in known} - {CHESSBOARD}):
+        labels = (label for m, label in known if m == method)
+        label = min(labels, key=lambda x: (not IntrinsicsLabel.of(x).is_right, IntrinsicsLabel.of(x).rank))
+        found.append((method, label, "truth"))
+    return found
+
+
+def _errors(row: dict[str, Any]) -> str:
+    if not row["solved"]:
+        return f"not solved: {row['reason']}"
+    return (
+        f"normal {number(row['oracle_normal_error_deg'])}\N{DEGREE SIGN}, "
+        f"position {number(row['oracle_position_error_pct'])} %, contour {number(row['contour_error_px'])} px"
+    )
+
+
+def _stated(row: dict[str, Any]) -> str:
+    return (
+        f"chi-square {number(row['oracle_pose_chi2'])}, normal {number(row['oracle_normal_error_deg'])}\N{DEGREE SIGN} "
+        f"where {number(row['oracle_normal_sigma_deg'])}\N{DEGREE SIGN} is stated, position "
+        f"{number(1e3 * row['oracle_position_error_m'])} mm where {number(1e3 * row['oracle_position_sigma_m'])} mm is"
+    )
+
+
+def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any], what: str) -> Overlay:
     targets, candidates = scores.matched(row["frame_id"])[row["method"], row["intrinsics"]]
     same = (targets.frame_id == row["frame_id"]) & (targets.marker_id == row["marker_id"])
     target = int(np.flatnonzero(same)[0])
@@ -77,13 +112,6 @@ def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any]) -> Overlay:
         estimate = contour_of_ellipse_px(candidates.ellipse[target, which], camera, 128)
     title = f"frame {row['frame_id']}" + (f", marker {row['marker_id']}" if row["marker_id"] else "")
     place = f"{number(row['distance_D'])} D, tilt {number(row['tilt_deg'])}\N{DEGREE SIGN}"
-    if row["solved"]:
-        what = (
-            f"normal {number(row['oracle_normal_error_deg'])}\N{DEGREE SIGN}, "
-            f"position {number(row['oracle_position_error_pct'])} %, contour {number(row['contour_error_px'])} px"
-        )
-    else:
-        what = f"not solved: {row['reason']}"
     names = ", ".join(clean(row[name], NAME_LIMIT) for name in ("method", "intrinsics"))
     return Overlay(f"{title} ({names})", f"{place}. {clean(what, 300)}", _svg(dataset, row, truth, estimate))
 

@@ -18,7 +18,8 @@ from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
 from roundel.validate.metrics.rows import Rows, flag_column
-from roundel.validate.scores.comparisons import shared_rows
+from roundel.validate.scores.comparisons import shared_rows, stated_difference
+from roundel.validate.scores.stated_uncertainty import ASKED, JUDGED
 from roundel.validate.scores.summary import CHESSBOARD, run_rows
 from roundel.validate.statistics.intervals import holm
 from roundel.validate.statistics.paired_tests import mcnemar_test, rms_ratio_test
@@ -33,6 +34,8 @@ ALPHA = 0.05
 # With fewer shared frames there is no test.
 MIN_SHARED = 20
 _MAX_SHOWN = 24
+# Column of p in the rows of the table of stated uncertainty.
+_STATED_P = 15
 NO_DIFFERENCE = ("no difference shown", "identical")
 
 ERRORS = HEADLINE
@@ -102,12 +105,14 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
     """Errors and failures of pairs of runs, frame by frame; empty if too few frames are shared."""
     errors: list[list[Any]] = []
     solved: list[list[Any]] = []
+    stated: list[list[Any]] = []
     for pair in pairs:
         a, b = shared_rows(pair.first.rows, pair.second.rows)
         if a.num_rows >= MIN_SHARED:
             solved.append(_solved(pair, a, b))
+            stated += [] if (row := _stated(pair, a, b)) is None else [row]
             errors += [row for error in ERRORS if (row := _compared(pair, a, b, error)) is not None]
-    for rows, at in ((errors, 9), (solved, 6)):
+    for rows, at in ((errors, 9), (solved, 6), (stated, _STATED_P)):
         for row, p in zip(rows, holm([row[at] for row in rows]), strict=True):
             row[at] = float(p)
             row.append(_better(row, at))
@@ -146,7 +151,52 @@ def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
         _plain(solved),
         "Circles that both should find. p: McNemar's exact test, two-sided, Holm-corrected over this table.",
     )
-    return [table for table in (ratio, lost) if table.rows]
+    return [table for table in (ratio, lost, _stated_table(about, stated)) if table.rows]
+
+
+def _stated_table(about: Sequence[Column], stated: Sequence[Sequence[Any]]) -> Table:
+    """Which of two runs states its uncertainty better, from their compared rows."""
+    shares = [
+        column
+        for which in ("first", "second")
+        for column in (
+            Column(f"{which}_within_95_pct", f"{which.capitalize()}, in its 95 % region", "%"),
+            Column(f"{which}_low_pct", "", "%", "low"),
+            Column(f"{which}_high_pct", "", "%", "high"),
+            Column(f"{which}_verdict", f"{which.capitalize()} holds"),
+        )
+    ]
+    return Table(
+        "stated_pairs",
+        "Stated uncertainty",
+        (
+            *about,
+            Column("poses", "Poses", "both stated"),
+            *shares,
+            Column("log_score_difference", "Second - first", "log score", signed=True),
+            Column("log_score_low", "", role="low", signed=True),
+            Column("log_score_high", "", role="high", signed=True),
+            Column("p_holm", "p", "Holm"),
+            Column("better", "Better stated"),
+        ),
+        _plain(stated),
+        "Poses of the better candidate for which both state a covariance. The 95 % region should hold the truth of "
+        f"95 % of them; within {ASKED} it holds. Difference of the mean log scores, minus the logarithm of the "
+        "density that each states at the truth, with its 95 % interval over frames in brackets: smaller is better, "
+        "and an error that is small and known counts, as well as one that is large and known to be. p: two-sided, "
+        "paired t-test, Holm-corrected over this table.",
+    )
+
+
+def _stated(pair: Pair, a: Rows, b: Rows) -> list[Any] | None:
+    found = stated_difference(a, b)
+    if found is None or found["n"] < MIN_SHARED:
+        return None
+    row = [pair.about, pair.first.label, pair.second.label, found["n"]]
+    for key in ("a", "b"):
+        share = next(entry for entry in found[key]["levels"] if entry["level"] == JUDGED)
+        row += [*(100 * share[end] for end in ("rate", "low", "high")), found[key]["verdict"]]
+    return [*row, found["difference"], found["low"], found["high"], found["p_value"]]
 
 
 def _compared(pair: Pair, a: Rows, b: Rows, error: Metric) -> list[Any] | None:
@@ -175,6 +225,10 @@ def _solved(pair: Pair, a: Rows, b: Rows) -> list[Any]:
 
 def _better(row: Sequence[Any], at: int) -> str:
     """Which run is better; neither if chance explains the difference."""
+    if at == _STATED_P:
+        if row[at - 3] == row[at - 2] == row[at - 1] == 0:
+            return NO_DIFFERENCE[1]
+        return NO_DIFFERENCE[0] if row[at] >= ALPHA else str(row[2] if row[at - 3] < 0 else row[1])
     if at == 9 and row[6] == row[7] == 1:
         return NO_DIFFERENCE[1]
     if row[at] >= ALPHA:

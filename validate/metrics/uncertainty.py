@@ -115,6 +115,11 @@ def percentile_of(chi2: ArrayLike) -> Array:
     return np.asarray(stats.chi2.cdf(np.asarray(chi2, dtype=np.float64), DEGREES_OF_FREEDOM))
 
 
+def tail_of(chi2: ArrayLike) -> Array:
+    """The probability of a larger chi-square if the covariance holds, 0 to 1, exact where it is tiny; (...) array."""
+    return np.asarray(stats.chi2.sf(np.asarray(chi2, dtype=np.float64), DEGREES_OF_FREEDOM))
+
+
 def choice_score(stated: ArrayLike, right: ArrayLike) -> Array:
     """Minus the logarithm of the probability that was stated for what is true: a proper score, smaller is better.
 

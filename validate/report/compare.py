@@ -30,13 +30,13 @@ from roundel.validate.scores.report_files import SCORES, read_report_files
 from roundel.validate.scores.scores import KEY, SCORES_SCHEMA
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
 from roundel.validate.tables.report import pairs_table, result_table
-from roundel.validate.tables.table import Table
+from roundel.validate.tables.table import Cell, Table, formatted
 from roundel.validate.tables.writers import write_tables
 
 PAGE = "compare.html"
 # The columns that are read from a report's scores.
 NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
-NAMES = ("results", "comparisons", "solved_by_one", "reports")
+NAMES = ("results", "comparisons", "solved_by_one", "stated_pairs", "reports")
 
 
 @dataclass(frozen=True)
@@ -221,4 +221,22 @@ def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]
             found.append(f"{str(row[3]).capitalize()}, {row[0]} intrinsics: {row[-1]} has the smaller error.")
     if "comparisons" in tables and all(row[-1] in NO_DIFFERENCE for row in tables["comparisons"].rows):
         found.append("No difference of errors is shown on the shared frames.")
+    if "stated_pairs" in tables:
+        found += [_stated_sentence(tables["stated_pairs"], row) for row in tables["stated_pairs"].rows]
     return found
+
+
+def _stated_sentence(table: Table, row: Sequence[Cell]) -> str:
+    """Which of two runs states its uncertainty better, and whether the regions of each hold the truth."""
+    at = dict(zip((c.key for c in table.columns), row, strict=True))
+    shares = " and ".join(
+        f"{formatted(at[f'{which}_within_95_pct'])} % of {at[which]} ({at[f'{which}_verdict']})"
+        for which in ("first", "second")
+    )
+    if at["better"] in NO_DIFFERENCE:
+        better = "no difference of the log scores is shown" if at["better"] == NO_DIFFERENCE[0] else "identical"
+    else:
+        ends = ", ".join(formatted(at[f"log_score_{end}"], sign=True) for end in ("low", "high"))
+        difference = f"{formatted(at['log_score_difference'], sign=True)} [{ends}]"
+        better = f"{at['better']} has the better log score (second minus first: {difference})"
+    return f"Stated uncertainty, {at['about']} intrinsics: {better}; 95 % regions hold the truth in {shares}."

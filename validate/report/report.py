@@ -33,13 +33,22 @@ class Pictures:
     comparison: list[Picture] = field(default_factory=list)
     calibration: list[Picture] = field(default_factory=list)
     uncertainty: list[Picture] = field(default_factory=list)
+    reliability: list[Picture] = field(default_factory=list)
 
     def all(self) -> list[Picture]:
         """Every figure, in the order of the page."""
         return [picture for part in fields(self) for picture in getattr(self, part.name)]
 
 
-def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overlay], more: Sequence[Table] = ()) -> str:
+@dataclass(frozen=True)
+class Overlays:
+    """Pictures of single circles: the largest errors, and the largest beside what was stated."""
+
+    errors: Sequence[Overlay] = ()
+    stated: Sequence[Overlay] = ()
+
+
+def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more: Sequence[Table] = ()) -> str:
     """The report as HTML.
 
     Parameters
@@ -47,7 +56,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
     summary : Summary
         Complete, including its checksums.
     pictures : Pictures
-    overlays : sequence of Overlay
+    overlays : Overlays
         Roundel makes their SVG, so it is inserted without escaping; everything else is escaped.
     more : sequence of Table
         Tables that the summary does not contain.
@@ -87,7 +96,9 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Sequence[Overl
         no_calibration=reason,
         regions=_regions(summary),
         asked=ASKED,
-        overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays],
+        reliability=figures(pictures.reliability),
+        overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.errors],
+        stated=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.stated],
         definitions=shown_table(metric_table(summary.metrics)),
         commands=commands(summary),
         settings=shown_table(pairs_table("settings", "Settings", ("Setting", "Value"), _facts(summary), "")),

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from roundel.validate.metrics.metric import ELLIPSE_CENTRE, HEADLINE, Metric
-from roundel.validate.metrics.rows import Rows, circle_keys, shared
+from roundel.validate.metrics.rows import Rows, circle_keys, column, shared, those
 from roundel.validate.scores.run_statistics import BOUNDED
+from roundel.validate.scores.stated_uncertainty import coverage
 from roundel.validate.statistics.intervals import (
     LEVEL,
     MIN_SAMPLES,
@@ -23,6 +24,7 @@ from roundel.validate.statistics.intervals import (
     units_of,
 )
 from roundel.validate.statistics.paired_tests import detectable_effect
+from roundel.validate.statistics.trends import mean_of
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -111,6 +113,37 @@ def _compared(ours: Rows, theirs: Rows, metric: Metric) -> dict[str, Any] | None
     low, high = (float(f"{math.exp(effect + s * margin):.9g}") for s in (-1, 1))
     p = 2 * float(stats.norm.sf(abs(effect) / error)) if error > 0 else 0.0
     return {**facts, "low": low, "high": high, "p_value": float(f"{p:.6g}")}
+
+
+def stated_difference(a: Rows, b: Rows) -> dict[str, Any] | None:
+    """Compare the stated covariances of two runs on the circles for which both state one.
+
+    Parameters
+    ----------
+    a, b : Rows
+        Rows of scores of the same circles, in the same order.
+
+    Returns
+    -------
+    dict or None
+        `n` circles; `a` and `b`, the coverage of each (see `coverage`); `difference` of the mean logarithmic scores, b
+        minus a, in nats, with its 95 % interval `low`, `high` over frames (Student's t), the two-sided `p_value`, and
+        whether all scores are the `same`. None with fewer than two such frames.
+    """
+    name = "oracle_pose_log_score"
+    if not all(name in rows.column_names for rows in (a, b)):
+        return None
+    scores = [column(rows, name) for rows in (a, b)]
+    both = np.isfinite(scores[0]) & np.isfinite(scores[1])
+    frame = frame_numbers(a["frame_id"].to_numpy()[both]) if both.any() else np.zeros(0, dtype=np.int64)
+    mean = mean_of((scores[1] - scores[0])[both], frame)
+    if mean is None:
+        return None
+    found = {key: coverage(those(rows, both), "oracle_") for key, rows in (("a", a), ("b", b))}
+    low, high = mean.interval()
+    p = 2 * float(stats.t.sf(abs(mean.value) / mean.error, mean.df)) if mean.error > 0 else float(mean.value == 0)
+    same = bool(np.array_equal(scores[0][both], scores[1][both]))
+    return {"n": mean.n, **found, "difference": mean.value, "low": low, "high": high, "p_value": p, "same": same}
 
 
 def power_of(tables: Mapping[Key, Rows]) -> list[dict[str, Any]]:

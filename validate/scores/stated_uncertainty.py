@@ -7,9 +7,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from roundel.validate.metrics.rows import Rows, column
+from roundel.validate.metrics.rows import Rows, column, in_memory
 from roundel.validate.metrics.uncertainty import brier_score, choice_score, percentile_of
 from roundel.validate.scores.run_statistics import rate
 
@@ -114,6 +116,17 @@ def region_text(found: dict[str, Any]) -> str:
     of = "1 pose" if found["n"] == 1 else f"{found['n']} poses"
     interval = "" if share["low"] is None else f" [{100 * share['low']:.1f}, {100 * share['high']:.1f}]"
     return f"they hold the truth of {100 * share['rate']:.1f} %{interval} of {of}"
+
+
+def worst_stated(part: Rows, count: int) -> list[dict[str, Any]]:
+    """The circles of a run with the largest chi-square of the better candidate: rows of scores, largest first."""
+    if "oracle_pose_chi2" not in part.column_names:
+        return []
+    order = [("oracle_pose_chi2", "descending"), ("frame_id", "ascending"), ("marker_id", "ascending")]
+    known = part.filter(part["oracle_pose_chi2"].is_valid())
+    keys = pa.table({name: known[name] for name, _ in order})
+    rows: list[dict[str, Any]] = in_memory(known, pc.sort_indices(keys, sort_keys=order)[:count]).to_pylist()
+    return rows
 
 
 def choice(part: Rows) -> dict[str, Any] | None:

@@ -30,9 +30,9 @@ from roundel.validate.tables.uncertainty import choice_table, uncertainty_table
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "groups", "failures",
-    "caveats", "comparisons", "solved_by_one", "efficiency", "power", "against_main", "recall", "cells", "calibrations",
-    "calibration_errors", "boards", "against_chessboard",
+    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "worst_stated", "groups",
+    "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency", "power", "against_main",
+    "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
 
 _FRAME = (

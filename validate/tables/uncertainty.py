@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from roundel.validate.scores.stated_uncertainty import ASKED, COVERAGE_LEVELS
+from roundel.validate.metrics.rows import Rows
+from roundel.validate.metrics.uncertainty import tail_of
+from roundel.validate.scores.stated_uncertainty import ASKED, COVERAGE_LEVELS, worst_stated
+from roundel.validate.scores.summary import CHESSBOARD, run_keys, run_rows
 from roundel.validate.tables.table import Cell, Column, Table
 
+# Circles of a run in the table of the worst, and runs.
+_WORST, _MAX_RUNS = 3, 12
 _SCORES = ("log_score", "brier", "brier_constant")
 
 
@@ -77,3 +82,36 @@ def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
         "constant that is right on average. Smaller is better in both."
     )
     return Table("choice", "Which candidate", tuple(columns), tuple(rows), note)
+
+
+def worst_stated_table(table: Rows) -> Table:
+    """The circles whose truth is farthest outside of what was stated for them, of each run against the truth."""
+    columns = (
+        Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("frame_id", "Frame"),
+        Column("marker_id", "Marker"), Column("distance_D", "Distance", "D"), Column("tilt_deg", "Tilt", "deg"),
+        Column("pose_chi2", "Chi-square"), Column("p", "p"),
+        Column("normal_error_deg", "Normal", "deg"), Column("normal_in_sigma", "Normal", "in its sigma"),
+        Column("position_error_pct", "Position", "%"), Column("position_in_sigma", "Position", "in its sigma"),
+        Column("depth_in_sigma", "Depth", "in its sigma", signed=True),
+    )  # fmt: skip
+    keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != CHESSBOARD][:_MAX_RUNS]
+    rows = []
+    for key in keys:
+        for row in worst_stated(run_rows(table, key), _WORST):
+            o = {name.removeprefix("oracle_"): value for name, value in row.items() if name.startswith("oracle_")}
+            own = _over(o["position_error_m"], o["position_sigma_m"]), _over(o["along_ray_m"], o["depth_sigma_m"])
+            rows.append(
+                (*key[:2], row["frame_id"], row["marker_id"], row["distance_D"], row["tilt_deg"], o["pose_chi2"],
+                 float(tail_of(o["pose_chi2"])), o["normal_error_deg"],
+                 _over(o["normal_error_deg"], o["normal_sigma_deg"]), o["position_error_pct"], *own)
+            )  # fmt: skip
+    note = (
+        f"The {_WORST} circles of each run with the largest chi-square of the better candidate, and its errors in "
+        "units of their stated standard deviations. p: the probability of a larger chi-square, if the covariance "
+        "holds; the smallest of n circles is about 1 / n then. The pictures show those of the most accurate intrinsics."
+    )
+    return Table("worst_stated", "Farthest outside of what was stated", columns, tuple(rows), note)
+
+
+def _over(error: float | None, sigma: float | None) -> float | None:
+    return None if error is None or not sigma else error / sigma

@@ -10,7 +10,13 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from roundel.scenes.geometry.pose import minimal_rotation
-from roundel.validate.metrics.uncertainty import percentile_of, uncertainty_scores
+from roundel.validate.metrics.uncertainty import (
+    brier_score,
+    choice_score,
+    percentile_of,
+    tail_of,
+    uncertainty_scores,
+)
 
 
 def drawn(rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
@@ -45,6 +51,7 @@ def test_scores_are_those_of_scipy(seed: int) -> None:
         assert found.log_score[i] == pytest.approx(-density.logpdf(error[i]), rel=1e-9, abs=1e-9)
         assert found.chi2[i] == pytest.approx(error[i] @ np.linalg.solve(five[i], error[i]), rel=1e-8)
         assert percentile_of(found.chi2[i]) == pytest.approx(stats.chi2(5).cdf(found.chi2[i]), abs=1e-12)
+        assert tail_of(found.chi2[i]) == pytest.approx(stats.chi2(5).sf(found.chi2[i]), rel=1e-12)
         assert found.position_sigma_m[i] == pytest.approx(np.sqrt(np.trace(five[i][:3, :3])), rel=1e-9)
         assert found.normal_sigma_deg[i] == pytest.approx(np.degrees(np.sqrt(np.trace(five[i][3:, 3:]))), rel=1e-9)
 
@@ -86,3 +93,28 @@ def test_what_is_no_covariance_has_no_score(wrong: str) -> None:
     for values in vars(found).values():
         assert np.isnan(values[0])
         assert np.isfinite(values[1])
+
+
+@given(st.lists(st.tuples(st.floats(1e-5, 1 - 1e-5), st.booleans()), min_size=1, max_size=30))
+def test_scores_of_probabilities_are_those_of_a_bernoulli_variable(cases: list[tuple[float, bool]]) -> None:
+    stated, right = (np.array(v) for v in zip(*cases, strict=True))
+    variable = stats.bernoulli(stated)
+    assert choice_score(stated, right) == pytest.approx(-variable.logpmf(right.astype(int)), rel=1e-9)
+    # The Brier score is the square of the distance between two distributions over two outcomes, halved.
+    both = np.stack([variable.pmf(0) - ~right, variable.pmf(1) - right])
+    assert brier_score(stated, right) == pytest.approx(np.sum(both**2, axis=0) / 2, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("score", [choice_score, brier_score])
+@given(truth=st.floats(0.02, 0.98), stated=st.floats(0.02, 0.98))
+def test_the_true_probability_has_the_best_expected_score(score, truth: float, stated: float) -> None:
+    def expected(p: float) -> float:
+        return float(truth * score(p, True) + (1 - truth) * score(p, False))
+
+    assert expected(truth) <= expected(stated) + 1e-12
+
+
+def test_a_certainty_that_is_wrong_has_a_finite_score() -> None:
+    assert choice_score(1.0, False) == pytest.approx(-np.log(1e-6))
+    assert choice_score(0.0, True) == pytest.approx(-np.log(1e-6))
+    assert brier_score(1.0, False) == 1.0

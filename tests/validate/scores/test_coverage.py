@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.geometry.pose import minimal_rotation
+from roundel.validate.scores.comparisons import stated_difference
 from roundel.validate.scores.scores import UNCERTAINTY
 from roundel.validate.scores.stated_uncertainty import (
     COVERAGE_LEVELS,
@@ -21,6 +29,7 @@ from roundel.validate.scores.stated_uncertainty import (
     OPEN,
     WIDE,
     region_verdict,
+    reliability,
 )
 from roundel.validate.scores.summary import Summary, terminal_table
 from roundel.validate.validate import validate_dataset
@@ -169,4 +178,105 @@ def test_probabilities_of_candidates_are_scored(dataset: Dataset, tmp_path: Path
     assert found["honest"]["log_score"] < np.log(2) < found["swapped"]["log_score"]
     table = (tmp_path / "report" / "tables" / "choice.csv").read_text().splitlines()
     assert [line.split(",")[0] for line in table] == ["method", "honest", "swapped"]
-    assert "Which candidate" in (tmp_path / "report" / "report.html").read_text()
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "Which candidate" in page
+    assert 'id="figure-reliability"' in page
+    assert (tmp_path / "report" / "figures" / "reliability.svg").read_text().count("share right") == 1
+
+
+def test_the_worst_stated_circles_come_first(report: tuple[Path, Summary]) -> None:
+    folder = report[0]
+    scores = {
+        (r["method"], r["frame_id"]): r for r in pq.read_table(folder / "scores.parquet").to_pylist() if r["solved"]
+    }
+    rows = list(csv.DictReader((folder / "tables" / "worst_stated.csv").read_text().splitlines()))
+    assert [row["method"] for row in rows] == [m for m in ("bold", "honest", "mad", "shy") for _ in range(3)]
+    for method in ("bold", "honest", "mad", "shy"):
+        largest = sorted((r["oracle_pose_chi2"] for (m, _), r in scores.items() if m == method), reverse=True)[:3]
+        mine = [row for row in rows if row["method"] == method]
+        assert [float(row["pose_chi2"]) for row in mine] == largest
+        for row in mine:
+            its = scores[method, int(row["frame_id"])]
+            assert float(row["normal_in_sigma"]) == its["oracle_normal_error_deg"] / its["oracle_normal_sigma_deg"]
+            assert float(row["depth_in_sigma"]) == its["oracle_along_ray_m"] / its["oracle_depth_sigma_m"]
+            assert float(row["p"]) == pytest.approx(stats.chi2.sf(float(row["pose_chi2"]), 5), rel=1e-12)
+    page = (folder / "report.html").read_text()
+    section = page[page.index('<section id="uncertainty">') :].partition("</section>")[0]
+    # The pictures of four methods.
+    assert section.count("<details") == 12
+    assert "is stated, position" in section
+
+
+def test_two_runs_are_compared_in_what_they_state(report: tuple[Path, Summary]) -> None:
+    rows = list(csv.DictReader((report[0] / "tables" / "stated_pairs.csv").read_text().splitlines()))
+    found = {row["second"]: row for row in rows}
+    assert {row["first"] for row in rows} == {"bold"}
+    # The same poses, of which one states the covariance that they were drawn from.
+    assert found["honest"]["better"] == "honest"
+    assert float(found["honest"]["log_score_high"]) < 0
+    assert (found["honest"]["first_verdict"], found["honest"]["second_verdict"]) == (NARROW, HOLDS)
+    assert found["mad"]["better"] == "bold"
+    assert found["mad"]["second_within_95_pct"] == "0.0"
+
+
+def shifted(scores: pa.Table, by: NDArray[np.float64]) -> pa.Table:
+    name = "oracle_pose_log_score"
+    values = scores[name].to_numpy(zero_copy_only=False) + by
+    return scores.set_column(scores.column_names.index(name), name, pa.array(values, mask=np.isnan(values)))
+
+
+def test_the_difference_of_log_scores_is_the_paired_t_test(report: tuple[Path, Summary]) -> None:
+    whole = pq.read_table(report[0] / "scores.parquet")
+    one = whole.filter(pc.equal(whole["method"], "honest"))
+    by = np.random.default_rng(2).normal(0.05, 1.0, one.num_rows)
+    found = stated_difference(one, shifted(one, by))
+    assert found is not None
+    test = stats.ttest_1samp(by, 0.0)
+    assert found["difference"] == pytest.approx(by.mean(), abs=1e-12)
+    assert found["p_value"] == pytest.approx(test.pvalue, rel=1e-9)
+    assert [found["low"], found["high"]] == pytest.approx(list(test.confidence_interval(0.95)), rel=1e-9)
+    assert not found["same"]
+    same = stated_difference(one, one)
+    assert same is not None
+    assert (same["difference"], same["p_value"], same["same"]) == (0.0, 1.0, True)
+
+
+@pytest.mark.parametrize("lacking", ["column", "values", "frames"])
+def test_without_stated_covariances_nothing_is_compared(report: tuple[Path, Summary], lacking: str) -> None:
+    whole = pq.read_table(report[0] / "scores.parquet")
+    one = whole.filter(pc.equal(whole["method"], "honest"))
+    other = whole.filter(pc.equal(whole["method"], "silent"))
+    if lacking == "column":
+        other = one.drop_columns(["oracle_pose_log_score"])
+    if lacking == "frames":
+        one = other = one.slice(0, 1)
+    assert stated_difference(one, other) is None
+
+
+@given(st.integers(0, 10_000), st.integers(1, 400))
+def test_reliability_is_counted_and_scored_as_by_hand(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    # Few distinct probabilities, some on the edges of bins.
+    stated = rng.choice([0.0, 0.05, 0.5, 0.62, 0.9, 0.95, 1.0], n)
+    right = rng.random(n) < stated
+    found = reliability(stated, right, np.arange(n), (0.0, 0.5, 0.9, 1.01))
+    assert found is not None
+    assert found["brier"] == pytest.approx(np.mean((stated - right) ** 2), abs=1e-12)
+    assert found["brier_constant"] == pytest.approx(np.var(right), abs=1e-12)
+    assert sum(b["n"] for b in found["bins"]) == found["n"] == n
+    for b, (low, high) in zip(
+        found["bins"],
+        [e for e in ((0.0, 0.5), (0.5, 0.9), (0.9, 1.01)) if np.any((stated >= e[0]) & (stated < e[1]))],
+        strict=True,
+    ):
+        here = (stated >= low) & (stated < high)
+        assert b["rate"] == pytest.approx(right[here].mean(), abs=1e-12)
+        assert b["stated"] == pytest.approx(stated[here].mean(), abs=1e-12)
+        interval = stats.binomtest(int(right[here].sum()), int(here.sum())).proportion_ci(method="wilson")
+        # Ends are rounded to nine digits, and at a rate of 0 or 1 they are that rate.
+        assert [b["low"], b["high"]] == pytest.approx([interval.low, interval.high], abs=1e-8)
+
+
+def test_no_statements_have_no_reliability() -> None:
+    nothing = np.zeros(0)
+    assert reliability(nothing, nothing > 0, nothing.astype(np.int64), (0.0, 1.01)) is None
