@@ -93,10 +93,11 @@ def _errors(row: dict[str, Any]) -> str:
 
 
 def _stated(row: dict[str, Any]) -> str:
+    normal, sigma = (number(row[f"oracle_normal_{name}_deg"]) for name in ("error", "sigma"))
+    off, stated = (number(1e3 * row[f"oracle_position_{name}_m"]) for name in ("error", "sigma"))
     return (
-        f"chi-square {number(row['oracle_pose_chi2'])}, normal {number(row['oracle_normal_error_deg'])}\N{DEGREE SIGN} "
-        f"where {number(row['oracle_normal_sigma_deg'])}\N{DEGREE SIGN} is stated, position "
-        f"{number(1e3 * row['oracle_position_error_m'])} mm where {number(1e3 * row['oracle_position_sigma_m'])} mm is"
+        f"Chi-square {number(row['oracle_pose_chi2'])}; normal {normal}\N{DEGREE SIGN} (stated {sigma}\N{DEGREE SIGN}), "
+        f"position {off} mm (stated {stated} mm)"
     )
 
 

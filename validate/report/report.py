@@ -96,6 +96,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
         no_calibration=reason,
         regions=_regions(summary),
         asked=ASKED,
+        scaled=any(_is_scaled(run["intrinsics"]) for run in summary.runs),
         reliability=figures(pictures.reliability),
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.errors],
         stated=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.stated],
@@ -127,6 +128,11 @@ def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[d
     ]
     # Figures that no verdict names come last, without text, so that the list contains only claims.
     return [*rows, *({**dict.fromkeys(keys), "settings": [], "colour": "", "figure": shown} for shown in left.values())]
+
+
+def _is_scaled(label: str) -> bool:
+    its = IntrinsicsLabel.of(label)
+    return its.kind == "scaled" and its.factor != 1.0
 
 
 def _regions(summary: Summary) -> list[dict[str, str]]:

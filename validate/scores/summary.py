@@ -331,6 +331,8 @@ def number(value: float | None, digits: int = 3) -> str:
         return "-"
     if value == 0:
         return "0"
+    if abs(value) >= 1e7:
+        return f"{value:.1e}"
     places = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
     return f"{value:,.{places}f}" if abs(value) >= 1e-4 else f"{value:.1e}"
 

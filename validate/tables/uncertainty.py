@@ -28,7 +28,7 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
         columns += [Column(f"{name}_pct", title, "%"), Column(f"{name}_low_pct", title, "%", "low"),
                     Column(f"{name}_high_pct", title, "%", "high")]  # fmt: skip
     columns += [Column("median_chi2", "Chi-square", "median"), Column("log_score", "Log score", "mean"),
-                Column("verdict", "95 % regions hold the truth")]  # fmt: skip
+                Column("verdict", "95 % regions hold the truth", role="file")]  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         found = (run.get("coverage") or {}).get("oracle")
@@ -90,9 +90,9 @@ def worst_stated_table(table: Rows) -> Table:
         Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("frame_id", "Frame"),
         Column("marker_id", "Marker"), Column("distance_D", "Distance", "D"), Column("tilt_deg", "Tilt", "deg"),
         Column("pose_chi2", "Chi-square"), Column("p", "p"),
-        Column("normal_error_deg", "Normal", "deg"), Column("normal_in_sigma", "Normal", "in its sigma"),
-        Column("position_error_pct", "Position", "%"), Column("position_in_sigma", "Position", "in its sigma"),
-        Column("depth_in_sigma", "Depth", "in its sigma", signed=True),
+        Column("normal_error_deg", "Normal", "deg"), Column("normal_in_sigma", "Normal", "sigmas"),
+        Column("position_error_pct", "Position", "%"), Column("position_in_sigma", "Position", "sigmas"),
+        Column("depth_in_sigma", "Depth", "sigmas", signed=True),
     )  # fmt: skip
     keys = [key for key in run_keys(table) if key[2] == "truth" and key[0] != CHESSBOARD][:_MAX_RUNS]
     rows = []

@@ -223,6 +223,6 @@ def test_intrinsics_are_shown_best_known_first() -> None:
 
 
 def test_numbers_for_people() -> None:
-    assert [number(v) for v in (2e-7, 0.0123456, 1.5, 30.0, 12345.0, 0.0, None, float("nan"))] == [
-        "2.0e-07", "0.0123", "1.50", "30.0", "12,345", "0", "-", "-"]  # fmt: skip
+    assert [number(v) for v in (2e-7, 0.0123456, 1.5, 30.0, 12345.0, 3.05e9, 0.0, None, float("nan"))] == [
+        "2.0e-07", "0.0123", "1.50", "30.0", "12,345", "3.0e+09", "0", "-", "-"]  # fmt: skip
     assert statistics(np.array([-1.0, 1.0]))["p95"] == 1.0
