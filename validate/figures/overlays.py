@@ -93,12 +93,11 @@ def _errors(row: dict[str, Any]) -> str:
 
 
 def _stated(row: dict[str, Any]) -> str:
-    normal, sigma = (number(row[f"oracle_normal_{name}_deg"]) for name in ("error", "sigma"))
-    off, stated = (number(1e3 * row[f"oracle_position_{name}_m"]) for name in ("error", "sigma"))
-    return (
-        f"Chi-square {number(row['oracle_pose_chi2'])}; normal {normal}\N{DEGREE SIGN} (stated {sigma}\N{DEGREE SIGN}), "
-        f"position {off} mm (stated {stated} mm)"
-    )
+    angles = (f"{number(row[f'oracle_normal_{name}_deg'])}\N{DEGREE SIGN}" for name in ("error", "sigma"))
+    lengths = (f"{number(1e3 * row[f'oracle_position_{name}_m'])} mm" for name in ("error", "sigma"))
+    (normal, its_sigma), (position, sigma) = angles, lengths
+    chi2 = number(row["oracle_pose_chi2"])
+    return f"Chi-square {chi2}; normal {normal} (stated {its_sigma}), position {position} (stated {sigma})"
 
 
 def _overlay(dataset: Dataset, scores: Scores, row: dict[str, Any], what: str) -> Overlay:

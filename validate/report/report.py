@@ -132,7 +132,7 @@ def _verdicts(verdicts: list[dict[str, Any]], pictures: list[Picture]) -> list[d
 
 def _is_scaled(label: str) -> bool:
     its = IntrinsicsLabel.of(label)
-    return its.kind == "scaled" and its.factor != 1.0
+    return its.kind == "scaled" and not its.is_right
 
 
 def _regions(summary: Summary) -> list[dict[str, str]]:
