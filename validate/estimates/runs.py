@@ -12,10 +12,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.scenes.camera.model import Camera, lens_problem
+from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
 from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates
+from roundel.validate.estimates.row_checks import check_rows, covariances, floats, is_ok, lenses_of, place_of
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL
 
 Array = NDArray[np.float64]
@@ -24,10 +25,6 @@ Array = NDArray[np.float64]
 _LEAST_SEMI_AXIS_PX = 0.25
 
 _TRUE_CAMERA = "not given: the frame's true camera"
-
-
-# All elements of a covariance, from its upper triangle.
-_COVARIANCE = tuple(f"cov_{min(i, j)}{max(i, j)}" for i in range(6) for j in range(6))
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ def _read(path: Path, dataset: Dataset, frames: range | None) -> pa.Table:
     table = _sorted(table)
     _check_keys(table, str(path))
     table = _with_cameras(table, dataset, path)
-    _check_rows(table, path)
+    check_rows(table, path)
     return table
 
 
@@ -167,14 +164,14 @@ def _sorted(table: pa.Table) -> pa.Table:
 
 def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
     """The table with each frame's true camera if rows have none; other labels require a camera in the file."""
-    bare = table[INTRINSICS[0]].is_null().to_numpy() & (_is_ok(table))
+    bare = table[INTRINSICS[0]].is_null().to_numpy() & (is_ok(table))
     if not bare.any():
         return table
     label = table["intrinsics"].to_pylist()
     other = [i for i in np.flatnonzero(bare).tolist() if label[i] != "true"]
     if other:
         raise UsageError(
-            f"{path}: {_where(table, other[0])}: it has no fx_px, fy_px, cx_px, cy_px; they are optional only for "
+            f"{path}: {place_of(table, other[0])}: it has no fx_px, fy_px, cx_px, cy_px; they are optional only for "
             "intrinsics `true`"
         )
     values, distortion, model = true_intrinsics(dataset, table["frame_id"].to_numpy())
@@ -187,32 +184,13 @@ def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
     return table
 
 
-def _is_ok(table: pa.Table) -> NDArray[np.bool_]:
-    return np.array([status == "ok" for status in table["status"].to_pylist()], dtype=np.bool_)
-
-
-def _floats(table: pa.Table, names: tuple[str, ...]) -> Array:
-    # Nulls become NaN.
-    columns = (table[name].to_numpy(zero_copy_only=False) for name in names)
-    return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=-1)
-
-
-def _lenses(table: pa.Table) -> list[tuple[tuple[float, ...], str]]:
-    """Coefficients and model of each row; `none` is OpenCV's model without coefficients, as in cameras.json."""
-    coefficients = [
-        tuple(np.nan if c is None else float(c) for c in row or ()) for row in table["distortion"].to_pylist()
-    ]
-    models = table["distortion_model"].to_pylist()
-    return [(c, "opencv" if m == "none" and not c else m) for c, m in zip(coefficients, models, strict=True)]
-
-
 def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]]) -> Run:
     frame_id = table["frame_id"].to_numpy()
-    values = _floats(table, INTRINSICS)
+    values = floats(table, INTRINSICS)
     known: dict[tuple[Any, ...], int] = {}
     cameras: list[Camera] = []
     index = np.full(table.num_rows, -1)
-    for i, (distortion, model) in enumerate(_lenses(table)):
+    for i, (distortion, model) in enumerate(lenses_of(table)):
         if np.isnan(values[i, 0]):
             continue
         key = (*frame_size[int(frame_id[i])], *values[i].tolist(), model, *distortion)
@@ -222,10 +200,10 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
             k = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
             cameras.append(Camera(key[0], key[1], k, distortion, distortion_model=model))
         index[i] = known[key]
-    ok = _is_ok(table)
-    normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
+    ok = is_ok(table)
+    normal, centre, ellipse = floats(table, NORMAL), floats(table, CENTRE), floats(table, ELLIPSE)
     posed = ok & np.isfinite(normal).all(axis=-1)
-    centre_px = _floats(table, CENTRE_IMAGE)
+    centre_px = floats(table, CENTRE_IMAGE)
     bare = posed & np.isnan(ellipse[:, 0])
     for number, camera in enumerate(cameras):
         mine = np.flatnonzero(posed & (index == number))
@@ -237,14 +215,14 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         if len(small):
             row = int(mine[small[0]])
             raise UsageError(
-                f"estimates: {_where(table, row)}: its circle would be {2 * ellipse[row, 2]:.2g} px wide; "
+                f"estimates: {place_of(table, row)}: its circle would be {2 * ellipse[row, 2]:.2g} px wide; "
                 "is its centre in metres?"
             )
     filled = {
         "intrinsics: each frame's true camera": _TRUE_CAMERA in table["intrinsics_basis"].to_pylist(),
         "ellipse: from the pose": bool(bare.any()),
     }
-    identity, focal_px, focal_sigma_px = _floats(table, ("identity", "focal_px", "focal_sigma_px")).T
+    identity, focal_px, focal_sigma_px = floats(table, ("identity", "focal_px", "focal_sigma_px")).T
     return Run(
         table["method"][0].as_py(),
         table["intrinsics"][0].as_py(),
@@ -266,21 +244,13 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         identity,
         focal_px,
         focal_sigma_px,
-        _floats(table, _COVARIANCE).reshape(-1, 6, 6),
-        *_floats(table, ("probability", "confidence")).T,
+        covariances(table),
+        *floats(table, ("probability", "confidence")).T,
     )
 
 
 def _sentences(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(";") if part.strip())
-
-
-def _where(table: pa.Table, row: int) -> str:
-    values = {name: table[name][row].as_py() for name in KEY}
-    return (
-        f"frame {values['frame_id']}, detection {values['detection_id']}, candidate {values['candidate']} "
-        f"(method {values['method']}, intrinsics {values['intrinsics']})"
-    )
 
 
 def _check_frames(table: pa.Table, dataset: Dataset, path: Path) -> None:
@@ -315,65 +285,6 @@ def _check_keys(table: pa.Table, where: str) -> None:
     if same.any():
         row = int(np.flatnonzero(same)[0])
         raise UsageError(
-            f"{where}: two rows for {_where(table, row)}; each may appear once: several detections in a frame need "
+            f"{where}: two rows for {place_of(table, row)}; each may appear once: several detections in a frame need "
             "detection_id, two poses of a detection need candidate 0 and 1"
         )
-
-
-def _check_rows(table: pa.Table, path: Path) -> None:
-    """Reject rows with status `ok` that are not valid."""
-    ok = _is_ok(table)
-    normal, centre, ellipse = _floats(table, NORMAL), _floats(table, CENTRE), _floats(table, ELLIPSE)
-    given = {
-        "pose": (*NORMAL, *CENTRE),
-        "ellipse": ELLIPSE,
-        "centre": CENTRE_IMAGE,
-        "intrinsics": INTRINSICS,
-    }
-    # A group of columns counts as given if any value is given, even NaN; then all must be numbers.
-    there = {what: _given(table, names) for what, names in given.items()}
-    broken = {what: there[what] & ~np.isfinite(_floats(table, names)).all(axis=-1) for what, names in given.items()}
-    posed, outlined = there["pose"] & ~broken["pose"], there["ellipse"] & ~broken["ellipse"]
-    focal, lenses = _floats(table, INTRINSICS), _lenses(table)
-    # A run has few different lenses but many rows.
-    wrong = {lens: lens_problem(lens[1], lens[0]) for lens in set(lenses)}
-    lens_wrong = np.array([bool(wrong[lens]) for lens in lenses], dtype=bool)
-    candidate = table["candidate"].to_numpy()
-    detection = table["detection_id"].to_numpy()
-    chosen = table["chosen"].to_numpy(zero_copy_only=False)
-    keys = [np.array(table[name].to_pylist(), dtype=object) for name in KEY[:-1]]
-    pair = np.append(np.all([key[1:] == key[:-1] for key in keys], axis=0), False) if len(ok) else np.zeros(0, bool)
-    both = pair | np.append(False, pair[:-1]) if len(ok) else pair
-    status = np.array(table["status"].to_pylist(), dtype=object)
-    some = there["pose"] | there["ellipse"] | there["centre"]
-    with np.errstate(invalid="ignore", over="ignore"):
-        problems = (
-            ((status != "ok") & (status != "failed"), "its status is neither ok nor failed"),
-            (~np.isin(candidate, [0, 1]), "the candidate is neither 0 nor 1"),
-            (ok & (detection < 0), "its status is ok, but its detection_id is negative"),
-            (ok & ~some, "its status is ok, but its pose, ellipse and centre are missing"),
-            *(
-                (ok & broken[what], f"its status is ok, but a number of its {what} is missing or not finite")
-                for what in given
-            ),
-            (ok & ~there["intrinsics"], "its status is ok, but its intrinsics are missing"),
-            (ok & posed & ~(np.abs(np.linalg.norm(normal, axis=-1) - 1) < 1e-6), "its normal is not of unit length"),
-            (ok & posed & ~(centre[:, 2] > 0), "its centre is behind the camera"),
-            (ok & posed & ~(np.sum(normal * centre, axis=-1) < 0), "its normal points away from the camera"),
-            (
-                ok & outlined & ~((ellipse[:, 2] >= ellipse[:, 3]) & (ellipse[:, 3] > 0)),
-                "its ellipse needs semi-axes a >= b > 0",
-            ),
-            (ok & ~(focal[:, :2] > 0).all(axis=-1), "its focal lengths are not positive"),
-            (ok & lens_wrong, f"its {wrong[lenses[int(np.argmax(ok & lens_wrong))]]}" if len(ok) else ""),
-            (ok & both & ~there["pose"], "it has two candidates, but no pose to distinguish them"),
-            (chosen & ~ok, "it is chosen, but its status is not ok"),
-            (pair & chosen & np.append(chosen[1:], False), "both candidates are chosen"),
-        )
-    for bad, what in problems:
-        if np.any(bad):
-            raise UsageError(f"{path}: {_where(table, int(np.flatnonzero(bad)[0]))}: {what}")
-
-
-def _given(table: pa.Table, names: tuple[str, ...]) -> NDArray[np.bool_]:
-    return np.asarray(np.any([table[name].is_valid().to_numpy() for name in names], axis=0), dtype=np.bool_)

@@ -15,6 +15,7 @@ NORMAL = ("normal_x", "normal_y", "normal_z")
 CENTRE = ("centre_x_m", "centre_y_m", "centre_z_m")
 ELLIPSE = ("ellipse_x_px", "ellipse_y_px", "ellipse_a_px", "ellipse_b_px", "ellipse_angle_deg")
 CENTRE_IMAGE = ("centre_image_x_px", "centre_image_y_px")
+COVARIANCE = tuple(f"cov_{i}{j}" for i in range(6) for j in range(i, 6))
 INTRINSICS = ("fx_px", "fy_px", "skew_px", "cx_px", "cy_px")
 
 
@@ -71,6 +72,28 @@ COLUMNS: tuple[Given, ...] = (
         ("chosen",), "true or false", "", "whether the method means this pose", "true where a detection has one pose"
     ),
     Given(
+        ("probability",),
+        "number, 0 to 1",
+        "",
+        "probability that the method gives this candidate, of the two of a detection; together at most 1",
+        "none is stated, and none scored",
+    ),
+    Given(
+        ("confidence",),
+        "number, 0 to 1",
+        "",
+        "probability that the detection is the image of a circle; a value that is not from 0 to 1 is not scored",
+        "likewise",
+    ),
+    Given(
+        COVARIANCE,
+        "number",
+        "m^2; m; 1",
+        "upper triangle of the covariance of (centre_x, centre_y, centre_z in m, normal_x, normal_y, normal_z), all 21 "
+        "or none; an angle is in radians, as a step of the unit normal; what is stated along the normal is not used",
+        "likewise",
+    ),
+    Given(
         ("clipped_fraction", "rejected_fraction", "misfit"),
         "number",
         "",
@@ -121,7 +144,7 @@ def check_columns(file: Path, names: Sequence[str]) -> None:
             raise UsageError(f"{file}: unknown column {name!r}; {hint}")
     groups = {"pose": (*NORMAL, *CENTRE), "ellipse": ELLIPSE, "centre": CENTRE_IMAGE}
     needed = list(REQUIRED)
-    for group in (*groups.values(), COLUMNS[4].names):
+    for group in (*groups.values(), COLUMNS[4].names, COVARIANCE):
         if any(name in names for name in group):
             needed += group
     missing = [name for name in needed if name not in names]
