@@ -24,6 +24,8 @@ _PERCENTILE_BINS = 20
 # Of the probability of the likelier candidate; the last bin has those that are certain.
 _CHOICE_EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.01)
 
+_CONFIDENCE_EDGES = (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.01)
+
 # The region that is judged, and the shares of truths between which it is as large as it says.
 JUDGED = 0.95
 LEAST, MOST = 0.90, 0.98
@@ -31,20 +33,26 @@ ASKED = f"{100 * LEAST:g} to {100 * MOST:g} %"
 HOLDS, NARROW, WIDE, OPEN = "holds", "too narrow", "too wide", "cannot be decided from these frames"
 
 
-def stated_statistics(part: Rows) -> dict[str, Any]:
+def stated_statistics(part: Rows, false: pa.Table) -> dict[str, Any]:
     """Coverage of the stated regions, and reliability of the stated probabilities, of one run.
 
     Parameters
     ----------
     part : Rows
         Its rows of scores.parquet.
+    false : pyarrow.Table
+        Its rows of false_positives.parquet; none against another reference than the truth.
 
     Returns
     -------
     dict
         Plain values.
     """
-    return {"choice": choice(part), "coverage": {"oracle": coverage(part, "oracle_"), "chosen": coverage(part, "")}}
+    return {
+        "choice": choice(part),
+        "confidence": confidence(part, false),
+        "coverage": {"oracle": coverage(part, "oracle_"), "chosen": coverage(part, "")},
+    }
 
 
 def coverage(part: Rows, prefix: str) -> dict[str, Any] | None:
@@ -143,6 +151,29 @@ def choice(part: Rows) -> dict[str, Any] | None:
     known = np.isfinite(stated)
     right = column(part, "likelier_correct")[known] > 0
     return reliability(stated[known], right, part["frame_id"].to_numpy()[known], _CHOICE_EDGES)
+
+
+def confidence(part: Rows, false: pa.Table) -> dict[str, Any] | None:
+    """How often a detection is a marker's, by its stated confidence; None if none is stated.
+
+    Parameters
+    ----------
+    part, false
+        As in `stated_statistics`.
+
+    Returns
+    -------
+    dict or None
+        Of `reliability`.
+    """
+    if "confidence" not in part.column_names:
+        return None
+    tables = (part, false)
+    stated = np.concatenate([column(rows, "confidence") for rows in tables])
+    frame = np.concatenate([rows["frame_id"].to_numpy() for rows in tables])
+    right = np.arange(len(stated)) < part.num_rows
+    known = np.isfinite(stated)
+    return reliability(stated[known], right[known], frame[known], _CONFIDENCE_EDGES)
 
 
 def reliability(

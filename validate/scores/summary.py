@@ -29,6 +29,7 @@ from roundel.validate.metrics.metric import (
 from roundel.validate.metrics.rows import Mask, Rows, column, distinct, flag_column, those, where_text
 from roundel.validate.scores.assignment import GATE_FRACTION, GATE_PX
 from roundel.validate.scores.comparisons import POWER_NOTE, comparisons, power_of
+from roundel.validate.scores.false_positives import FALSE_POSITIVES_SCHEMA
 from roundel.validate.scores.run_statistics import run_statistics, statistics_of
 from roundel.validate.scores.scores import Scores
 from roundel.validate.scores.stated_uncertainty import ASKED, region_text, stated_statistics
@@ -208,12 +209,15 @@ def summarise(
     for key in run_keys(scores.table):
         mine = tables[key] = run_rows(scores.table, key)
         label = dict(zip(RUN, key, strict=True))
-        runs.append({**label, **run_statistics(mine, width(mine)), **stated_statistics(mine), **_false(scores, key)})
+        false = _false_table(scores, key)
+        found = {**run_statistics(mine, width(mine)), **stated_statistics(mine, false)}
+        runs.append({**label, **found, **_false(scores, key)})
         names = mine["group"].unique().to_pylist()
         for name in names:
             part = mine if len(names) == 1 else those(mine, where_text(mine, group=name))
             if len(names) > 1:
-                found = {**run_statistics(part, width(part)), **stated_statistics(part)}
+                beside = those(false, where_text(false, group=name))
+                found = {**run_statistics(part, width(part)), **stated_statistics(part, beside)}
                 by_group.append({**label, "group": name, **found})
             cells.extend(_cells(part, label, name))
         failures += [{**label, "reason": why, "count": count} for why, count in _failures(mine)]
@@ -296,6 +300,12 @@ def _false(scores: Scores, key: tuple[str, str, str]) -> dict[str, Any]:
         if (false.method, false.intrinsics, "truth") == key:
             return {"detections": false.detections, "false_detections": false.count}
     return {"detections": None, "false_detections": None}
+
+
+def _false_table(scores: Scores, key: tuple[str, str, str]) -> pa.Table:
+    """The rows of a run's false positives; none against another reference than the truth."""
+    mine = [f.table for f in scores.false_detections if (f.method, f.intrinsics, "truth") == key]
+    return pa.concat_tables([FALSE_POSITIVES_SCHEMA.empty_table(), *mine])
 
 
 def _kind_of_reason(reason: str) -> str:

@@ -25,14 +25,14 @@ from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import benefit_table
 from roundel.validate.tables.statistics import statistics_tables
 from roundel.validate.tables.table import Cell, Column, Table
-from roundel.validate.tables.uncertainty import choice_table, uncertainty_table
+from roundel.validate.tables.uncertainty import choice_table, confidence_table, uncertainty_table
 
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "worst_stated", "groups",
-    "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency", "power", "against_main",
-    "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
+    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "confidence",
+    "worst_stated", "groups", "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency",
+    "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
 
 _FRAME = (
@@ -76,6 +76,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
         run_table("groups", "Errors by group", groups, "oracle", note),
         uncertainty_table(mine),
         choice_table(mine),
+        confidence_table(mine),
         failure_table(summary),
         caveat_table(summary),
         *statistics_tables(summary, mine),

@@ -53,35 +53,54 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
 
 def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
     """How often the likelier of two candidates is right, by its stated probability, of the runs that state one."""
-    columns = [Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column("poses", "Poses")]
-    columns += [
-        Column("stated_pct", "Stated", "%"),
-        Column("right_pct", "Right", "%"),
-        Column("right_low_pct", "", "%", "low"),
-        Column("right_high_pct", "", "%", "high"),
-        Column("log_score", "Log score", "mean of all"),
-        Column("brier", "Brier score", "mean of all"),
+    note = (
+        "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
+        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all. "
+        f"{_PROPER.format('candidate')}"
+    )
+    return Table("choice", "Which candidate", *_reliability(runs, "choice", "Poses"), note)
+
+
+def confidence_table(runs: Sequence[dict[str, Any]]) -> Table:
+    """How often a detection is a marker's, by its stated confidence, of the runs that state one."""
+    note = (
+        "Detections with a stated confidence: its mean, and how often the detection is that of a marker, with its "
+        "95 % interval in brackets. By stated confidence, then all; a circle that is no marker counts as wrong. "
+        f"{_PROPER.format('answer')}"
+    )
+    return Table("confidence", "Which detections", *_reliability(runs, "confidence", "Detections"), note)
+
+
+_PROPER = (
+    "Log score: minus the logarithm of the probability stated for the right {}; 0.693 says nothing. Brier score: mean "
+    "square of the stated probability minus the outcome, 0 or 1; after the slash that of the one constant that is "
+    "right on average. Smaller is better in both."
+)
+
+
+def _reliability(
+    runs: Sequence[dict[str, Any]], key: str, counted: str
+) -> tuple[tuple[Column, ...], tuple[tuple[Cell, ...], ...]]:
+    """Columns and rows of a table of reliability; intrinsics that share all numbers share their rows."""
+    columns = (
+        Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column(counted.lower(), counted),
+        Column("stated_pct", "Stated", "%"), Column("right_pct", "Right", "%"),
+        Column("right_low_pct", "", "%", "low"), Column("right_high_pct", "", "%", "high"),
+        Column("log_score", "Log score", "mean of all"), Column("brier", "Brier score", "mean of all"),
         Column("brier_constant", "Of a constant", role="tail"),
-    ]
-    rows: list[tuple[Cell, ...]] = []
+    )  # fmt: skip
+    shared: dict[str, tuple[dict[str, Any], str, list[str]]] = {}
     for run in runs:
-        found = run.get("choice")
-        if not found:
-            continue
+        if found := run.get(key):
+            shared.setdefault(f"{run['method']} {found}", (found, run["method"], []))[2].append(run["intrinsics"])
+    rows: list[tuple[Cell, ...]] = []
+    for found, method, labels in shared.values():
         bins = found["bins"] if len(found["bins"]) > 1 else []
         for entry in (*bins, {**found, **found["right"]}):
             share = [None if entry[end] is None else 100 * entry[end] for end in ("rate", "low", "high")]
-            whole = "log_score" in entry
-            scores = [entry[name] if whole else None for name in _SCORES]
-            rows.append((run["method"], run["intrinsics"], entry["n"], 100 * entry["stated"], *share, *scores))
-    note = (
-        "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
-        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all. Log "
-        "score: minus the logarithm of the probability stated for the right candidate; 0.693 says nothing. Brier "
-        "score: mean square of the stated probability minus the outcome, 0 or 1; after the slash that of the one "
-        "constant that is right on average. Smaller is better in both."
-    )
-    return Table("choice", "Which candidate", tuple(columns), tuple(rows), note)
+            scores = [entry.get(name) for name in _SCORES]
+            rows.append((method, ", ".join(labels), entry["n"], 100 * entry["stated"], *share, *scores))
+    return columns, tuple(rows)
 
 
 def worst_stated_table(table: Rows) -> Table:

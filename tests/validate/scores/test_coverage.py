@@ -280,3 +280,38 @@ def test_reliability_is_counted_and_scored_as_by_hand(seed: int, n: int) -> None
 def test_no_statements_have_no_reliability() -> None:
     nothing = np.zeros(0)
     assert reliability(nothing, nothing > 0, nothing.astype(np.int64), (0.0, 1.01)) is None
+
+
+def test_confidences_of_right_and_wrong_detections_are_scored(dataset: Dataset, tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    rows: list[dict[str, Any]] = []
+    right, stated = [], []
+    for row in estimate_rows(dataset, ["true"], method="detector", chosen=True):
+        if row["candidate"] == 1:
+            continue
+        rows.append({**row, "confidence": float(rng.choice([0.97, 0.8, 0.3]))})
+        right.append(True)
+        if rng.random() < 0.4:
+            # A detection far from the marker, more often unsure than not.
+            false = {**row, "detection_id": 7, "ellipse_x_px": row["ellipse_x_px"] + 300}
+            rows.append({**false, "confidence": float(rng.choice([0.97, 0.3, 0.3, 0.3]))})
+            right.append(False)
+        stated += [r["confidence"] for r in rows[len(stated) :]]
+    rows += estimate_rows(dataset, ["true"], method="silent")
+    file = write_estimates(tmp_path / "e.parquet", rows)
+    summary = validate_dataset(dataset.path, [file], tmp_path / "report")
+    found = {run["method"]: run["confidence"] for run in summary.runs}
+    assert found["silent"] is None
+    mine = found["detector"]
+    assert mine["n"] == len(right)
+    assert mine["right"]["rate"] == pytest.approx(np.mean(right))
+    assert mine["brier"] == pytest.approx(np.mean((np.array(stated) - right) ** 2))
+    assert [round(b["stated"], 2) for b in mine["bins"]] == [0.3, 0.8, 0.97]
+    assert [b["rate"] for b in mine["bins"]] == pytest.approx(
+        [np.mean(np.array(right)[np.array(stated) == value]) for value in (0.3, 0.8, 0.97)]
+    )
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "Which detections" in page
+    assert 'id="figure-confidence"' in page
+    # All groups together: the same false positives, group by group.
+    assert len((tmp_path / "report" / "tables" / "confidence.csv").read_text().splitlines()) == 5
