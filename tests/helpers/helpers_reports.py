@@ -24,6 +24,7 @@ from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import conic_of_ellipse
+from roundel.scenes.geometry.pose import minimal_rotation
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.study.study import load_study
 from roundel.scenes.world.frame import Frame, frames_of, total_frames
@@ -203,6 +204,34 @@ def failed_row(frame_id: int, intrinsics: str, reason: str = "no circle found", 
         "status": "failed",
         "reason": reason,
     }
+
+
+# Standard deviations of the centre (m) and of two angles of the normal (rad).
+SIGMA = np.array([2e-4, 2e-4, 1e-3, 3e-4, 3e-4])
+
+
+def stated_rows(dataset: Dataset, factor: float, method: str = "ml") -> list[dict[str, Any]]:
+    """Poses drawn around the truth, with the covariance that they were drawn from, times a factor."""
+    rng = np.random.default_rng(5)
+    truth = {row["frame_id"]: row for row in dataset.truth.to_pylist()}
+    rows = []
+    for row in estimate_rows(dataset, ["true"], method=method, chosen=True):
+        true = truth[row["frame_id"]]
+        normal = np.array([true[f"normal_{a}"] for a in "xyz"])
+        if row["candidate"] == 1:
+            continue
+        axes = minimal_rotation([0.0, 0.0, 1.0], normal)[:, :2]
+        error = rng.normal(size=5) * SIGMA
+        seen = normal + axes @ error[3:]
+        seen /= np.linalg.norm(seen)
+        own = minimal_rotation([0.0, 0.0, 1.0], seen)[:, :2]
+        cov = np.zeros((6, 6))
+        cov[:3, :3], cov[3:, 3:] = np.diag(SIGMA[:3] ** 2), own @ np.diag(SIGMA[3:] ** 2) @ own.T
+        row |= {f"normal_{a}": float(v) for a, v in zip("xyz", seen, strict=True)}
+        row |= {f"centre_{a}_m": true[f"centre_{a}_m"] + float(e) for a, e in zip("xyz", error, strict=False)}
+        row |= {f"cov_{i}{j}": float(factor * cov[i, j]) for i in range(6) for j in range(i, 6)}
+        rows.append(row)
+    return rows
 
 
 def write_estimates(path: Path, rows: list[dict[str, Any]], drop: tuple[str, ...] = ()) -> Path:

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, write_estimates
+from helpers_reports import POINTS, estimate_rows, failed_row, make_dataset, stated_rows, write_estimates
 
 from roundel.cli.main import main
+from roundel.datasets.dataset import open_dataset
 from roundel.datasets.store.records import document_of
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.report.compare import compare_reports, labels_of
@@ -51,6 +52,31 @@ def test_one_dataset_is_compared_frame_by_frame(house: Path, tmp_path: Path) -> 
     html = (tmp_path / "compare.html").read_text()
     assert "good and bad" in html
     assert str(house) not in html
+
+
+def test_of_two_methods_the_one_that_states_its_errors_better_is_named(house: Path, tmp_path: Path) -> None:
+    dataset = open_dataset(house / "ds")
+    for name, factor in (("honest", 1.0), ("bold", 0.1)):
+        file = write_estimates(tmp_path / f"{name}.parquet", stated_rows(dataset, factor))
+        validate_dataset(dataset.path, [file], tmp_path / name)
+    said = compare_reports([tmp_path / "bold", tmp_path / "honest"], tmp_path / "out")
+    (row,) = rows_of(tmp_path / "out", "stated_pairs")
+    assert row["better"] == "honest: ml, true"
+    assert (row["poses"], row["first_verdict"]) == ("72", "too narrow")
+    assert float(row["log_score_low"]) < float(row["log_score_difference"]) < float(row["log_score_high"]) < 0
+    assert float(row["p_holm"]) < 1e-6
+    # The errors are the same.
+    assert {row["better"] for row in rows_of(tmp_path / "out", "comparisons")} == {"identical"}
+    (sentence,) = [line for line in said if line.startswith("Stated uncertainty")]
+    assert "true intrinsics: honest: ml, true has the better log score (second minus first: \N{MINUS SIGN}" in sentence
+    assert "of bold: ml, true (too narrow)" in sentence
+    assert "Stated uncertainty" in (tmp_path / "out" / "compare.html").read_text()
+    # A report of the same covariances is no better, and one without any is not compared.
+    file = write_estimates(tmp_path / "again.parquet", stated_rows(dataset, 1.0))
+    validate_dataset(dataset.path, [file], tmp_path / "again")
+    same = compare_reports([tmp_path / "honest", tmp_path / "again"], tmp_path / "same")
+    assert any("identical; 95 % regions hold the truth in" in line for line in same)
+    assert not any("Stated" in line for line in compare_reports([tmp_path / "bold", house / "good"], tmp_path / "none"))
 
 
 def test_different_datasets_stand_side_by_side(house: Path, tmp_path: Path) -> None:

@@ -12,14 +12,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from helpers_reports import POINTS, estimate_rows, make_dataset, write_estimates
+from helpers_reports import POINTS, SIGMA, estimate_rows, make_dataset, stated_rows, write_estimates
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
 from roundel.datasets.dataset import Dataset
-from roundel.scenes.geometry.pose import minimal_rotation
 from roundel.validate.scores.comparisons import stated_difference
 from roundel.validate.scores.scores import UNCERTAINTY
 from roundel.validate.scores.stated_uncertainty import (
@@ -34,8 +33,6 @@ from roundel.validate.scores.stated_uncertainty import (
 from roundel.validate.scores.summary import Summary, terminal_table
 from roundel.validate.validate import validate_dataset
 
-SIGMA = np.array([2e-4, 2e-4, 1e-3, 3e-4, 3e-4])
-
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
@@ -43,35 +40,11 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return make_dataset(tmp_path_factory.mktemp("coverage") / "ds", text)
 
 
-def rows_with(dataset: Dataset, factor: float, method: str) -> list[dict[str, Any]]:
-    """Poses drawn around the truth, with the covariance that they were drawn from, times a factor."""
-    rng = np.random.default_rng(5)
-    truth = {row["frame_id"]: row for row in dataset.truth.to_pylist()}
-    rows = []
-    for row in estimate_rows(dataset, ["true"], method=method, chosen=True):
-        true = truth[row["frame_id"]]
-        normal = np.array([true[f"normal_{a}"] for a in "xyz"])
-        if row["candidate"] == 1:
-            continue
-        axes = minimal_rotation([0.0, 0.0, 1.0], normal)[:, :2]
-        error = rng.normal(size=5) * SIGMA
-        seen = normal + axes @ error[3:]
-        seen /= np.linalg.norm(seen)
-        own = minimal_rotation([0.0, 0.0, 1.0], seen)[:, :2]
-        cov = np.zeros((6, 6))
-        cov[:3, :3], cov[3:, 3:] = np.diag(SIGMA[:3] ** 2), own @ np.diag(SIGMA[3:] ** 2) @ own.T
-        row |= {f"normal_{a}": float(v) for a, v in zip("xyz", seen, strict=True)}
-        row |= {f"centre_{a}_m": true[f"centre_{a}_m"] + float(e) for a, e in zip("xyz", error, strict=False)}
-        row |= {f"cov_{i}{j}": float(factor * cov[i, j]) for i in range(6) for j in range(i, 6)}
-        rows.append(row)
-    return rows
-
-
 @pytest.fixture(scope="module")
 def report(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
     folder = tmp_path_factory.mktemp("report")
     runs = {"honest": 1.0, "bold": 0.25, "shy": 4.0, "mad": 1e-12}
-    rows = [row for name, factor in runs.items() for row in rows_with(dataset, factor, name)]
+    rows = [row for name, factor in runs.items() for row in stated_rows(dataset, factor, name)]
     rows += estimate_rows(dataset, ["true"], method="silent")
     file = write_estimates(folder / "e.parquet", rows)
     return folder / "report", validate_dataset(dataset.path, [file], folder / "report")
