@@ -241,7 +241,7 @@ def do_validate(arguments: argparse.Namespace) -> int:
     """Score estimates."""
     from roundel.cli.verbs.datasets import readable
     from roundel.datasets.dataset import open_dataset
-    from roundel.validate.scores.summary import terminal_table
+    from roundel.validate.scores.terminal_table import terminal_table
     from roundel.validate.validate import validate_dataset
 
     asked = open_dataset(readable(arguments.dataset)).study.get("validate", {})
@@ -269,7 +269,7 @@ def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
     from roundel.cli.verbs.calibrate import calibrate_of_study
     from roundel.solver.methods.solve import solve_dataset
-    from roundel.validate.scores.summary import terminal_table
+    from roundel.validate.scores.terminal_table import terminal_table
     from roundel.validate.validate import validate_dataset
 
     study, out = _study(arguments.study), Path(arguments.out)

@@ -21,7 +21,7 @@ _COLUMNS = 4
 
 
 @dataclass(frozen=True)
-class Statement:
+class _Statement:
     """A kind of statement: its key in a run of the summary, the name of its figure, and its words."""
 
     key: str
@@ -34,7 +34,7 @@ class Statement:
     caption: str
 
 
-CHOICE = Statement(
+_CHOICE = _Statement(
     "choice",
     "reliability",
     "Probability of the likelier candidate",
@@ -44,7 +44,7 @@ CHOICE = Statement(
     "poses",
     "How often the likelier of two candidates is the right one, over the probability that the method states for it.",
 )
-CONFIDENCE = Statement(
+_CONFIDENCE = _Statement(
     "confidence",
     "confidence",
     "Confidence of detections",
@@ -54,7 +54,7 @@ CONFIDENCE = Statement(
     "detections",
     "How often a detection is that of a marker, over the confidence that the method states for it.",
 )
-_STATEMENTS = (CHOICE, CONFIDENCE)
+_STATEMENTS = (_CHOICE, _CONFIDENCE)
 
 
 def reliability_pictures(runs: Sequence[dict[str, Any]]) -> list[Picture]:
@@ -69,7 +69,7 @@ def reliability_pictures(runs: Sequence[dict[str, Any]]) -> list[Picture]:
     return [picture for kind in _STATEMENTS if (picture := _picture(kind, mine)) is not None]
 
 
-def _picture(kind: Statement, runs: Sequence[dict[str, Any]]) -> Picture | None:
+def _picture(kind: _Statement, runs: Sequence[dict[str, Any]]) -> Picture | None:
     panels = _panels(kind, runs)
     if not panels:
         return None
@@ -102,7 +102,7 @@ def _picture(kind: Statement, runs: Sequence[dict[str, Any]]) -> Picture | None:
     return Picture(kind.name, caption, draw_svg(kind.name, kind.title, size, draw))
 
 
-def _panels(kind: Statement, runs: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
+def _panels(kind: _Statement, runs: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
     """Names and statistics of the runs that state this; intrinsics that share the numbers share a panel."""
     shared: dict[tuple[str, str], tuple[list[str], dict[str, Any]]] = {}
     for run in runs:

@@ -160,15 +160,15 @@ def _stated_table(about: Sequence[Column], stated: Sequence[Sequence[Any]]) -> T
         column
         for which in ("first", "second")
         for column in (
-            Column(f"{which}_within_95_pct", f"{which.capitalize()}, in its 95 % region", "%"),
+            Column(f"{which}_within_95_pct", f"{which.capitalize()} in 95 % region", "%"),
             Column(f"{which}_low_pct", "", "%", "low"),
             Column(f"{which}_high_pct", "", "%", "high"),
-            Column(f"{which}_verdict", f"{which.capitalize()} holds"),
+            Column(f"{which}_verdict", "", role="file"),
         )
     ]
     return Table(
         "stated_pairs",
-        "Stated uncertainty",
+        "Stated uncertainty, pose by pose",
         (
             *about,
             Column("poses", "Poses", "both stated"),

@@ -9,7 +9,6 @@ from typing import Any
 from roundel.datasets.fidelity.summary import fidelity_lines
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.figures.overlays import Overlay
-from roundel.validate.figures.reliability import CHOICE, CONFIDENCE
 from roundel.validate.figures.svg import Picture
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary, shown_table
 from roundel.validate.report.summary_text import commands, main_run, sentences
@@ -70,7 +69,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
     verdicts = _verdicts(summary.verdicts, pictures.verdicts)
     reason = (summary.calibration or {}).get("reason")
     chessboard = reason or pictures.calibration or any(tables[n] for n in ("calibrations", "boards"))
-    stated = any(tables[name] for name in ("uncertainty", "choice", "confidence"))
+    stated = any(tables[name] for name in ("uncertainty", "probabilities"))
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
         (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Variables"),
@@ -100,8 +99,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
         asked=ASKED,
         scaled=any(_is_scaled(run["intrinsics"]) for run in summary.runs),
         stated_of_itself=stated,
-        reliability=figures([p for p in pictures.reliability if p.name == CHOICE.name]),
-        confidence=figures([p for p in pictures.reliability if p.name == CONFIDENCE.name]),
+        reliability=figures(pictures.reliability),
         overlays=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.errors],
         stated=[{"title": o.title, "text": o.text, "svg": Markup(o.svg)} for o in overlays.stated],
         definitions=shown_table(metric_table(summary.metrics)),

@@ -14,4 +14,5 @@ stated_uncertainty: What a run states of itself, held against the truth: regions
     two kinds
 summary: Summary of the scores by method, intrinsics and reference, and by cell of the study's grid
 summary_schema: summary.json as a strict schema, as far as other commands read it
+terminal_table: A summary as text for the terminal
 """

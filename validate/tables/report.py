@@ -25,12 +25,12 @@ from roundel.validate.tables.calibration import calibration_tables
 from roundel.validate.tables.calibration_benefit import benefit_table
 from roundel.validate.tables.statistics import statistics_tables
 from roundel.validate.tables.table import Cell, Column, Table
-from roundel.validate.tables.uncertainty import choice_table, confidence_table, uncertainty_table
+from roundel.validate.tables.uncertainty import probability_tables, uncertainty_table
 
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "choice", "confidence",
+    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "probabilities", "probability_bins",
     "worst_stated", "groups", "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency",
     "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
@@ -75,8 +75,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
         reading_table(mine),
         run_table("groups", "Errors by group", groups, "oracle", note),
         uncertainty_table(mine),
-        choice_table(mine),
-        confidence_table(mine),
+        *probability_tables(mine),
         failure_table(summary),
         caveat_table(summary),
         *statistics_tables(summary, mine),

@@ -13,7 +13,6 @@ from roundel.validate.tables.table import Cell, Column, Table
 
 # Circles of a run in the table of the worst, and runs.
 _WORST, _MAX_RUNS = 3, 12
-_SCORES = ("log_score", "brier", "brier_constant")
 
 
 def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
@@ -51,56 +50,56 @@ def uncertainty_table(runs: Sequence[dict[str, Any]]) -> Table:
     return Table("uncertainty", "Uncertainty", tuple(columns), tuple(rows), note)
 
 
-def choice_table(runs: Sequence[dict[str, Any]]) -> Table:
-    """How often the likelier of two candidates is right, by its stated probability, of the runs that state one."""
-    note = (
-        "Poses of which the method holds one candidate for likelier: its mean stated probability, and how often it is "
-        "the one nearer to the truth, with its 95 % interval in brackets. By stated probability, then all. "
-        f"{_PROPER.format('candidate')}"
-    )
-    return Table("choice", "Which candidate", *_reliability(runs, "choice", "Poses"), note)
+# What is stated with a probability, by its key in a run of the summary.
+_STATEMENTS = {"choice": "which candidate", "confidence": "is it a marker"}
 
 
-def confidence_table(runs: Sequence[dict[str, Any]]) -> Table:
-    """How often a detection is a marker's, by its stated confidence, of the runs that state one."""
-    note = (
-        "Detections with a stated confidence: its mean, and how often the detection is that of a marker, with its "
-        "95 % interval in brackets. By stated confidence, then all; a circle that is no marker counts as wrong. "
-        f"{_PROPER.format('answer')}"
-    )
-    return Table("confidence", "Which detections", *_reliability(runs, "confidence", "Detections"), note)
-
-
-_PROPER = (
-    "Log score: minus the logarithm of the probability stated for the right {}; 0.693 says nothing. Brier score: mean "
-    "square of the stated probability minus the outcome, 0 or 1; after the slash that of the one constant that is "
-    "right on average. Smaller is better in both."
-)
-
-
-def _reliability(
-    runs: Sequence[dict[str, Any]], key: str, counted: str
-) -> tuple[tuple[Column, ...], tuple[tuple[Cell, ...], ...]]:
-    """Columns and rows of a table of reliability; intrinsics that share all numbers share their rows."""
-    columns = (
-        Column("method", "Method"), Column("intrinsics", "Intrinsics"), Column(counted.lower(), counted),
-        Column("stated_pct", "Stated", "%"), Column("right_pct", "Right", "%"),
+def probability_tables(runs: Sequence[dict[str, Any]]) -> list[Table]:
+    """How often what is stated with a probability is right: of each run that states any, and by probability."""
+    head = [
+        Column("statement", "Statement"), Column("method", "Method"), Column("intrinsics", "Intrinsics"),
+        Column("n", "Stated", "count"), Column("stated_pct", "Stated", "%"), Column("right_pct", "Right", "%"),
         Column("right_low_pct", "", "%", "low"), Column("right_high_pct", "", "%", "high"),
-        Column("log_score", "Log score", "mean of all"), Column("brier", "Brier score", "mean of all"),
+    ]  # fmt: skip
+    scores = [
+        Column("log_score", "Log score", "mean"), Column("brier", "Brier score", "mean"),
         Column("brier_constant", "Of a constant", role="tail"),
-    )  # fmt: skip
-    shared: dict[str, tuple[dict[str, Any], str, list[str]]] = {}
+    ]  # fmt: skip
+    whole: list[tuple[Cell, ...]] = []
+    bins: list[tuple[Cell, ...]] = []
+    for key, statement in _STATEMENTS.items():
+        for method, labels, found in _stated(runs, key):
+            names = (statement, method, labels)
+            own = (found["log_score"], found["brier"], found["brier_constant"])
+            whole.append((*names, *_share({**found["right"], "stated": found["stated"]}), *own))
+            bins += [(*names, *_share(entry)) for entry in found["bins"]]
+    note = (
+        "Which candidate: poses of which the method holds one candidate for likelier; right if it is the one nearer to "
+        "the truth. Is it a marker: detections with a stated confidence; right if it matches a marker, so that another "
+        "circle counts as wrong. The mean stated probability, and how often it is right, with its 95 % interval in "
+        "brackets. Log score: minus the logarithm of the probability stated for what came true; 0.693 says nothing. "
+        "Brier score: mean square of the stated probability minus the outcome, 0 or 1; after the slash that of the one "
+        "constant that is right on average. Smaller is better in both."
+    )
+    by = "By stated probability. Statements, intervals and what counts as right as in the table above."
+    return [
+        Table("probabilities", "Stated probabilities", (*head, *scores), tuple(whole), note),
+        Table("probability_bins", "Stated probabilities, by probability", tuple(head), tuple(bins), by),
+    ]
+
+
+def _stated(runs: Sequence[dict[str, Any]], key: str) -> list[tuple[str, str, dict[str, Any]]]:
+    """Method, intrinsics and reliability of the runs that state it; intrinsics that share all numbers are together."""
+    shared: dict[str, tuple[str, list[str], dict[str, Any]]] = {}
     for run in runs:
         if found := run.get(key):
-            shared.setdefault(f"{run['method']} {found}", (found, run["method"], []))[2].append(run["intrinsics"])
-    rows: list[tuple[Cell, ...]] = []
-    for found, method, labels in shared.values():
-        bins = found["bins"] if len(found["bins"]) > 1 else []
-        for entry in (*bins, {**found, **found["right"]}):
-            share = [None if entry[end] is None else 100 * entry[end] for end in ("rate", "low", "high")]
-            scores = [entry.get(name) for name in _SCORES]
-            rows.append((method, ", ".join(labels), entry["n"], 100 * entry["stated"], *share, *scores))
-    return columns, tuple(rows)
+            shared.setdefault(f"{run['method']} {found}", (run["method"], [], found))[1].append(run["intrinsics"])
+    return [(method, ", ".join(labels), found) for method, labels, found in shared.values()]
+
+
+def _share(entry: dict[str, Any]) -> tuple[Cell, ...]:
+    shares = (None if entry[end] is None else 100 * entry[end] for end in ("rate", "low", "high"))
+    return (entry["n"], 100 * entry["stated"], *shares)
 
 
 def worst_stated_table(table: Rows) -> Table:

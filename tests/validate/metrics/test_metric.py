@@ -12,7 +12,7 @@ from roundel.validate.calibration.camera_errors import calibrate_dataset
 from roundel.validate.gate.checks import questions
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import METRICS, SHIFT_X, SHIFT_Y, Metric
-from roundel.validate.scores.summary import terminal_table
+from roundel.validate.scores.terminal_table import terminal_table
 from roundel.validate.tables.report import report_tables
 from roundel.validate.validate import validate_dataset
 

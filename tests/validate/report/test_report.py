@@ -19,7 +19,8 @@ from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.calibration.camera_errors import calibrate_dataset, calibration_lines
 from roundel.validate.scores.run_statistics import statistics
-from roundel.validate.scores.summary import Summary, number, summary_record, terminal_table
+from roundel.validate.scores.summary import Summary, number, summary_record
+from roundel.validate.scores.terminal_table import terminal_table
 from roundel.validate.validate import validate_dataset
 
 LABELS = ["scaled:0.7", "scaled:1", "scaled:1.3"]

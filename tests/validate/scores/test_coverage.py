@@ -30,7 +30,8 @@ from roundel.validate.scores.stated_uncertainty import (
     region_verdict,
     reliability,
 )
-from roundel.validate.scores.summary import Summary, terminal_table
+from roundel.validate.scores.summary import Summary
+from roundel.validate.scores.terminal_table import terminal_table
 from roundel.validate.validate import validate_dataset
 
 
@@ -149,10 +150,10 @@ def test_probabilities_of_candidates_are_scored(dataset: Dataset, tmp_path: Path
         assert found[method]["right"]["rate"] == pytest.approx(nearer[method] / len(dataset))
     assert found["honest"]["right"]["low"] < 0.8 < found["honest"]["right"]["high"]
     assert found["honest"]["log_score"] < np.log(2) < found["swapped"]["log_score"]
-    table = (tmp_path / "report" / "tables" / "choice.csv").read_text().splitlines()
-    assert [line.split(",")[0] for line in table] == ["method", "honest", "swapped"]
+    table = (tmp_path / "report" / "tables" / "probabilities.csv").read_text().splitlines()
+    assert [line.split(",")[:2] for line in table[1:]] == [["which candidate", m] for m in ("honest", "swapped")]
     page = (tmp_path / "report" / "report.html").read_text()
-    assert "Which candidate" in page
+    assert "Stated probabilities" in page
     assert 'id="figure-reliability"' in page
     assert (tmp_path / "report" / "figures" / "reliability.svg").read_text().count("share right") == 1
 
@@ -284,7 +285,7 @@ def test_confidences_of_right_and_wrong_detections_are_scored(dataset: Dataset, 
         [np.mean(np.array(right)[np.array(stated) == value]) for value in (0.3, 0.8, 0.97)]
     )
     page = (tmp_path / "report" / "report.html").read_text()
-    assert "Which detections" in page
+    assert "is it a marker" in page
     assert 'id="figure-confidence"' in page
     # All groups together: the same false positives, group by group.
-    assert len((tmp_path / "report" / "tables" / "confidence.csv").read_text().splitlines()) == 5
+    assert len((tmp_path / "report" / "tables" / "probability_bins.csv").read_text().splitlines()) == 4
