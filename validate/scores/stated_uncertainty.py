@@ -71,8 +71,6 @@ def coverage(part: Rows, prefix: str) -> dict[str, Any] | None:
         over frames, the `verdict` of `region_verdict`, the counts of the chi-square's percentile in even bins (alike if
         covariances hold), the median chi-square (4.35 then) and the mean logarithmic score.
     """
-    if f"{prefix}pose_chi2" not in part.column_names:
-        return None
     chi2 = column(part, f"{prefix}pose_chi2")
     known = np.isfinite(chi2)
     if not known.any():
@@ -128,8 +126,6 @@ def region_text(found: dict[str, Any]) -> str:
 
 def worst_stated(part: Rows, count: int) -> list[dict[str, Any]]:
     """The circles of a run with the largest chi-square of the better candidate: rows of scores, largest first."""
-    if "oracle_pose_chi2" not in part.column_names:
-        return []
     order = [("oracle_pose_chi2", "descending"), ("frame_id", "ascending"), ("marker_id", "ascending")]
     known = part.filter(part["oracle_pose_chi2"].is_valid())
     keys = pa.table({name: known[name] for name, _ in order})
@@ -145,8 +141,6 @@ def choice(part: Rows) -> dict[str, Any] | None:
     dict or None
         Of `reliability`.
     """
-    if "likelier_probability" not in part.column_names:
-        return None
     stated = column(part, "likelier_probability")
     known = np.isfinite(stated)
     right = column(part, "likelier_correct")[known] > 0
@@ -166,8 +160,6 @@ def confidence(part: Rows, false: pa.Table) -> dict[str, Any] | None:
     dict or None
         Of `reliability`.
     """
-    if "confidence" not in part.column_names:
-        return None
     tables = (part, false)
     stated = np.concatenate([column(rows, "confidence") for rows in tables])
     frame = np.concatenate([rows["frame_id"].to_numpy() for rows in tables])

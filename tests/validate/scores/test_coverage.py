@@ -27,6 +27,8 @@ from roundel.validate.scores.stated_uncertainty import (
     NARROW,
     OPEN,
     WIDE,
+    coverage,
+    region_text,
     region_verdict,
     reliability,
 )
@@ -115,6 +117,15 @@ def test_the_verdict_is_in_the_report_and_on_the_terminal(report: tuple[Path, Su
 )
 def test_the_whole_interval_decides(low: float | None, high: float | None, verdict: str) -> None:
     assert region_verdict({"rate": 0.95, "low": low, "high": high}) == verdict
+
+
+def test_a_single_pose_has_a_share_and_an_interval(report: tuple[Path, Summary]) -> None:
+    whole = pq.read_table(report[0] / "scores.parquet")
+    one = coverage(whole.filter(pc.equal(whole["method"], "mad")).slice(0, 1), "oracle_")
+    assert one is not None
+    # Wilson's interval of none of one.
+    assert region_text(one) == "they hold the truth of 0.0 % [0.0, 79.3] of 1 pose"
+    assert one["verdict"] == NARROW
 
 
 def test_a_report_without_covariances_has_no_such_section(dataset: Dataset, tmp_path: Path) -> None:
