@@ -93,8 +93,9 @@ class Claim:
         The paper's own condition first.
     condition : str
         What decides whether the claim is true.
-    conditional : bool
-        Whether the claim is known to be true only under that condition, even if these frames show one side.
+    conditional : str
+        The condition under which alone the claim is known to be true, as a clause: "on the optical axis". Empty if it
+        needs none.
     weaker : str
         A weaker claim, as a clause, which the findings on the optical axis that are not `main` decide; empty if there
         is none.
@@ -107,7 +108,7 @@ class Claim:
     source: str
     findings: Sequence[Finding]
     condition: str
-    conditional: bool = False
+    conditional: str = ""
     weaker: str = ""
     remarks: Sequence[tuple[str, str]] = ()
 

@@ -158,7 +158,7 @@ def normal_focal(settings: Sequence[Condition]) -> Claim | None:
         "section V-B and abstract; the paper's marker is on the optical axis",
         findings,
         condition,
-        conditional=True,
+        conditional="on the optical axis",
         remarks=remarks,
     )
 

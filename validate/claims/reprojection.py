@@ -33,7 +33,7 @@ def reprojection_calibrated(settings: Sequence[Condition]) -> Claim | None:
         findings,
         "The number of edge points decides: with as many as the contour has pixels, farther markers give fewer, and "
         "the error grows (slope 0.5 in theory). With a fixed number of points the error is constant.",
-        conditional=True,
+        conditional="where farther markers have fewer edge points",
     )
 
 
@@ -151,6 +151,6 @@ def reprojection_meets(settings: Sequence[Condition]) -> Claim | None:
         "The curves meet where the noise of the edges hides the bias. With an edge noise of 1 px this is in the "
         "paper's range; with more precise detection, farther away. The extent of the reprojected points matters, too: "
         "bias grows with the square of their distance from the marker, noise linearly.",
-        conditional=True,
+        conditional="where the noise of the edges hides the bias",
         remarks=remarks,
     )

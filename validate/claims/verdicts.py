@@ -135,15 +135,15 @@ def _qualifier(claim: Claim, outcome: str) -> str:
         if false:
             return f"It holds for {_list(true)}; it does not hold for {_list(false)}."
         beside = next((f.statistic for f in claim.findings if f.holds is False), "")
-        return f"It holds, but not in this respect: {beside}." if beside else "These frames meet the condition."
+        return f"It holds, but not in this respect: {beside}." if beside else f"It holds {claim.conditional}."
     if outcome != FALSE:
         return ""
     if true:
         return f"It holds only for {_list(true)}."
     weaker = {f.holds for f in claim.findings if f.on_axis and not f.main} - {None}
-    if not claim.weaker or not weaker:
-        return ""
-    return f"A weaker claim holds: {claim.weaker}." if weaker == {True} else ""
+    if claim.weaker and weaker == {True}:
+        return f"A weaker claim holds: {claim.weaker}."
+    return f"By theory it holds only {claim.conditional}." if claim.conditional else ""
 
 
 def _list(names: list[str]) -> str:

@@ -158,24 +158,26 @@ def finding_of(where: str, holds: bool | None, on_axis: bool = True, main: bool 
 @pytest.mark.parametrize(
     ("findings", "conditional", "outcome", "qualifier"),
     [
-        ([finding_of("a", True)], False, HOLDS, ""),
-        ([finding_of("a", True)], True, CONDITION, "These frames meet the condition."),
-        ([finding_of("a", True), finding_of("b", False)], False, CONDITION,
+        ([finding_of("a", True)], "", HOLDS, ""),
+        ([finding_of("a", True)], "at night", CONDITION, "It holds at night."),
+        ([finding_of("a", True), finding_of("b", False)], "", CONDITION,
          "It holds for a; it does not hold for b."),
         ([finding_of("a", True), finding_of("c", True), finding_of("d", True), finding_of("b", False, on_axis=False)],
-         False, CONDITION, "It holds for a, c and d; it does not hold for b."),
-        ([finding_of("a", True), finding_of("b", False, main=False)], False, CONDITION,
+         "", CONDITION, "It holds for a, c and d; it does not hold for b."),
+        ([finding_of("a", True), finding_of("b", False, main=False)], "", CONDITION,
          "It holds, but not in this respect: statistic of b."),
         # In the paper's setting the claim is false: a condition elsewhere does not save it.
-        ([finding_of("a", False), finding_of("b", True, on_axis=False)], True, FALSE, "It holds only for b."),
-        ([finding_of("a", False), finding_of("b", True, main=False)], True, FALSE,
+        ([finding_of("a", False), finding_of("b", True, on_axis=False)], "at night", FALSE, "It holds only for b."),
+        ([finding_of("a", False), finding_of("b", True, main=False)], "at night", FALSE,
          "A weaker claim holds: it is nearly so."),
-        ([finding_of("a", False), finding_of("b", None, main=False)], True, FALSE, ""),
-        ([finding_of("a", None), finding_of("b", False, main=False)], True, OPEN, ""),
+        ([finding_of("a", False), finding_of("b", None, main=False)], "at night", FALSE,
+         "By theory it holds only at night."),
+        ([finding_of("a", False), finding_of("b", False, main=False)], "", FALSE, ""),
+        ([finding_of("a", None), finding_of("b", False, main=False)], "at night", OPEN, ""),
     ],
 )  # fmt: skip
 def test_an_outcome_is_that_of_the_claim_itself(
-    findings: list[Finding], conditional: bool, outcome: str, qualifier: str
+    findings: list[Finding], conditional: str, outcome: str, qualifier: str
 ) -> None:
     verdict = verdict_on(Claim("key", "It is so.", "", findings, "", conditional, "it is nearly so"))
     assert (verdict.outcome, verdict.qualifier) == (outcome, qualifier)
