@@ -41,7 +41,8 @@ VIEWS, FRAMES = 50, 24
 # Frames of each camera of the second family.
 FEW = 2
 ASSUMED = ("default", "default:2020s", "exif")
-KEPT = ("frame_id", "group", "intrinsics", "oracle_normal_error_deg", "oracle_position_error_pct", "oracle_pose_chi2",
+KEPT = ("frame_id", "marker_id", "group", "intrinsics",
+        "oracle_normal_error_deg", "oracle_position_error_pct", "oracle_pose_chi2",
         "branch_correct", "solved")  # fmt: skip
 
 COMMON: dict[str, Any] = {

@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from roundel.validate.claims.benefit_over_cameras import camera_errors as errors_of_camera
 from roundel.validate.figures.svg import CURVES, Picture, draw_svg, standalone_svg
+from roundel.validate.metrics.metric import HEADLINE
 from roundel.validate.statistics.intervals import rate_interval
 from roundel.validate.statistics.nested import CameraErrors, nested_factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-
 LEVELS = (0.5, 0.9, 0.95, 0.99)
-ERRORS = {"normal": "oracle_normal_error_deg", "position": "oracle_position_error_pct"}
+ERRORS = ("normal", "position")
 COUNTS = (5, 10, 20, 40)
 SPLITS = 400
 # Of an interval that has to hold the estimate of another half: both halves scatter.
@@ -86,27 +85,27 @@ def report(table: pa.Table, own: pa.Table, views: int) -> str:
     )
 
 
+def _known(value: float | None) -> float:
+    assert value is not None, "there are enough cameras for an interval"
+    return value
+
+
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
-def _set_label(count: int, number: int) -> str:
-    return f"calibrated:{count}_{number}"
-
-
 def camera_errors(table: pa.Table, error: str, without: str, count: int) -> list[CameraErrors]:
     """The errors of each camera without a calibration, and with each set of `count` views."""
-    labels = {label for label in pc.unique(table["intrinsics"]).to_pylist() if label.startswith(f"calibrated:{count}_")}
+    metric = next(m for m in HEADLINE if m.name == error)
     out = []
     for camera in pc.unique(table["camera"]).to_pylist():
         mine = table.filter(pc.equal(table["camera"], camera))
-        columns = []
-        for label in (without, *sorted(labels, key=lambda x: int(x.rpartition("_")[2]))):
-            rows = mine.filter(pc.equal(mine["intrinsics"], label)).sort_by("frame_id")
-            columns.append(rows[ERRORS[error]].to_numpy(zero_copy_only=False))
-        errors = np.array(columns, dtype=np.float64)
-        errors = errors[:, np.isfinite(errors).all(axis=0)]
-        out.append(CameraErrors(errors[0], errors[1:]))
+        labels = pc.unique(mine["intrinsics"]).to_pylist()
+        found = errors_of_camera(
+            {label: mine.filter(pc.equal(mine["intrinsics"], label)) for label in labels}, metric, without, count
+        )
+        assert found is not None, "every camera has every calibration"
+        out.append(found)
     return out
 
 
@@ -134,9 +133,8 @@ def _split_rows(table: pa.Table) -> Iterable[str]:
                 order = rng.permutation(len(cameras))
                 halves = [[cameras[i] for i in half] for half in np.array_split(order, 2)]
                 one, other = (nested_factor(half, seed=int(rng.integers(2**31))) for half in halves)
-                assert one.value and one.low and one.high and other.value, "enough cameras"
-                middle, off = np.log(one.value), np.log(other.value) - np.log(one.value)
-                end = np.log(one.high) if off > 0 else np.log(one.low)
+                middle, low, high, off = np.log([_known(x) for x in (one.value, one.low, one.high, other.value)])
+                off, end = off - middle, high if off > middle else low
                 plain += abs(off) <= abs(end - middle)
                 wide += abs(off) <= BOTH * abs(end - middle)
             yield f"| {error} | {count} | {100 * plain / SPLITS:.1f} % | {100 * wide / SPLITS:.1f} % |"
@@ -193,11 +191,11 @@ def figure(table: pa.Table, path: Path) -> None:
             for x, camera in zip(off, cameras, strict=True):
                 panel.plot(np.full(len(camera.factors), x), camera.factors, ".", color=CURVES[0], alpha=0.5, ms=4)
             found = nested_factor(cameras)
-            assert found.value and found.low and found.high, "enough cameras"
-            panel.axhspan(found.low, found.high, color=CURVES[1], alpha=0.25, lw=0)
-            panel.axhline(found.value, color=CURVES[1], lw=1)
-            panel.set(xscale="log", yscale="log", title=f"{error}: factor {found.value:.3g} [{found.low:.3g}, "
-                      f"{found.high:.3g}]", xlabel="median position error with default intrinsics [%]")  # fmt: skip
+            value, low, high = (_known(x) for x in (found.value, found.low, found.high))
+            panel.axhspan(low, high, color=CURVES[1], alpha=0.25, lw=0)
+            panel.axhline(value, color=CURVES[1], lw=1)
+            panel.set(xscale="log", yscale="log", title=f"{error}: a factor of {value:.3g} [{low:.3g}, {high:.3g}]")
+            panel.set_xlabel("median position error with default intrinsics [%]")
         panels[0].set_ylabel("median error, default / calibrated")
 
     svg = draw_svg(name, title, (9.0, 3.4), draw)

@@ -42,6 +42,13 @@ class IntrinsicsLabel:
         return int(self.value) if counted else None
 
     @property
+    def views_of_set(self) -> int | None:
+        """`views`, or of one of several sets of views as in `calibrated:5_2`; None for any other label."""
+        first, mark, number = self.value.partition("_")
+        numbered = self.kind == "calibrated" and mark and number.isascii() and number.isdecimal()
+        return IntrinsicsLabel(self.kind, first).views if numbered else self.views
+
+    @property
     def factor(self) -> float:
         """Factor on the true focal length of `scaled:X`; 0 for any other label."""
         return self.number if self.kind == "scaled" else 0.0

@@ -1,5 +1,7 @@
 """The paper's claims as verdicts, the benefit of a calibration, robustness.
 
+benefit_over_cameras: Benefit of a calibration over several cameras: each report is one camera, each calibration of
+    it one set of views
 calibration_benefit: Benefit of a calibration: errors with and without it on the same frames
 calibration_benefit_text: Summary text and record of the benefit of a calibration
 claim: A claim of the paper with its findings, before the decision

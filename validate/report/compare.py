@@ -15,6 +15,7 @@ from roundel.datasets.layout.files import check_no_dataset
 from roundel.datasets.store.writing import write_file
 from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
+from roundel.validate.claims.benefit_over_cameras import benefit_over_cameras
 from roundel.validate.figures.side_by_side import (
     ERRORS,
     NO_DIFFERENCE,
@@ -29,6 +30,7 @@ from roundel.validate.report.html import Tables, figures, fill, presentable_summ
 from roundel.validate.scores.report_files import SCORES, read_report_files
 from roundel.validate.scores.scores import KEY, SCORES_SCHEMA
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
+from roundel.validate.tables.calibration_benefit import benefit_over_cameras_table
 from roundel.validate.tables.report import pairs_table, result_table
 from roundel.validate.tables.table import Cell, Table, formatted
 from roundel.validate.tables.writers import write_tables
@@ -36,7 +38,7 @@ from roundel.validate.tables.writers import write_tables
 PAGE = "compare.html"
 # The columns that are read from a report's scores.
 NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
-NAMES = ("results", "comparisons", "solved_by_one", "stated_pairs", "reports")
+NAMES = ("results", "comparisons", "solved_by_one", "stated_pairs", "benefit_over_cameras", "reports")
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
     reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
     _check(reports, folders)
     entries = [runs_to_compare(r.scores, r.summary.runs, r.label) for r in reports]
-    found = [_results(reports), *pair_tables(_pairs(reports, entries)), _sources(reports)]
+    found = [_results(reports), *pair_tables(_pairs(reports, entries)), *_over_cameras(reports), _sources(reports)]
     tables = {table.name: table for table in found}
     said = _sentences(reports, tables)
     drawn = side_by_side_pictures([entry for mine in entries for entry in mine], "The reports side by side")
@@ -189,6 +191,13 @@ def _results(reports: Sequence[Report]) -> Table:
     ]
     one = len({report.dataset_id for report in reports}) == 1
     return result_table(runs, reports[0].summary, ("report",) if one else ("report", "dataset"))
+
+
+def _over_cameras(reports: Sequence[Report]) -> list[Table]:
+    """The benefit of a calibration over the reports' cameras, if there are several datasets with calibrations."""
+    scores = {report.dataset_id: report.scores for report in reports}
+    found = benefit_over_cameras(list(scores.values()))
+    return [benefit_over_cameras_table(found)] if found else []
 
 
 def _sources(reports: Sequence[Report]) -> Table:
