@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +21,36 @@ from roundel.datasets.store.folder import Folder
 from roundel.datasets.store.lock import one_at_a_time
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
-from roundel.validate.gate.checks import CHI2, CHOICE, MIN_CIRCLES, SCORE
+from roundel.validate.gate.quantities import (
+    CHI2,
+    CHOICE,
+    CONFIDENCE,
+    DETECTED,
+    MIN_CIRCLES,
+    ORACLE_BRANCH,
+    SCORE,
+)
 from roundel.validate.metrics.metric import CONTOUR, NORMAL, POSE, POSITION_M, SHIFT_X, SHIFT_Y
-from roundel.validate.scores.report_files import read_report_files
+from roundel.validate.scores.report_files import read_false_positives, read_report_files
 
 SCHEMA = 2
 KEY = ("frame_id", "marker_id", "method", "intrinsics")
 ERRORS = tuple(m.oracle for m in (POSE, NORMAL, POSITION_M, CONTOUR, SHIFT_X, SHIFT_Y))
 BOUNDS = tuple(dict.fromkeys(m.bound for m in (NORMAL, POSITION_M, CONTOUR)))
 _COLUMNS = (*KEY, "group", "solved", "branch_correct", *ERRORS, *BOUNDS)
+_FALSE = pa.schema(
+    [
+        ("method", pa.string()),
+        ("intrinsics", pa.string()),
+        ("frame_id", pa.int64()),
+        ("confidence", pa.float64()),
+    ]
+)
 # Columns that older versions do not have: what is not on both sides is not compared.
-_LATER = (SCORE, CHI2, *CHOICE)
+_LATER = (SCORE, CHI2, *CHOICE, ORACLE_BRANCH, DETECTED, CONFIDENCE)
 _METADATA = b"roundel_baseline"
-_SINGLE = (*ERRORS, *BOUNDS, SCORE, CHI2, CHOICE[0])  # seven digits are enough for comparison, at half the size in git
+# Seven digits are enough for a comparison, at half the size in git.
+_SINGLE = (*ERRORS, *BOUNDS, SCORE, CHI2, CHOICE[0], CONFIDENCE)
 
 
 @dataclass(frozen=True)
@@ -49,6 +66,8 @@ class Baseline:
     metric_version : int
     accepted : list of dict
         `{reason, roundel}` of every acceptance, in order of time.
+    false_positives : pyarrow.Table or None
+        Detections that match no marker; None if an older version wrote the file.
     """
 
     rows: pa.Table
@@ -57,6 +76,7 @@ class Baseline:
     settings: str
     metric_version: int
     accepted: list[dict[str, str]]
+    false_positives: pa.Table | None = None
 
 
 def baseline_of_report(report: str | Path) -> Baseline:
@@ -79,13 +99,15 @@ def baseline_of_report(report: str | Path) -> Baseline:
         identity = facts["dataset"]["dataset_id"], facts["checksums"]["images"], settings
         version, roundel = int(facts["metric_version"]), str(facts["versions"]["validate"]["roundel"])
         rows = baseline_of_scores(table)
+        false = read_false_positives(folder, facts)
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         reason = first_line(error)
         raise DataError(
             f"{folder}: not a report that a gate can read ({reason}); validate the dataset again"
         ) from error
     _check_rows(rows, folder)
-    return Baseline(rows, *identity, version, [{"reason": "", "roundel": roundel}])
+    found = None if false is None else baseline_of_false_positives(false)
+    return Baseline(rows, *identity, version, [{"reason": "", "roundel": roundel}], found)
 
 
 def baseline_of_scores(scores: pa.Table) -> pa.Table:
@@ -95,6 +117,13 @@ def baseline_of_scores(scores: pa.Table) -> pa.Table:
         at = rows.column_names.index(name)
         rows = rows.set_column(at, name, rows[name].cast(pa.float32()))
     return rows.sort_by([(name, "ascending") for name in KEY]).combine_chunks()
+
+
+def baseline_of_false_positives(false: pa.Table) -> pa.Table:
+    """The columns of false_positives.parquet that a gate compares, in an order that depends on the rows alone."""
+    confidence = false[CONFIDENCE].cast(pa.float32()).cast(pa.float64())
+    rows = false.select(_FALSE.names).set_column(_FALSE.get_field_index(CONFIDENCE), CONFIDENCE, confidence)
+    return rows.cast(_FALSE).sort_by([(name, "ascending") for name in _FALSE.names]).combine_chunks()
 
 
 def _columns_in(table: pa.Table) -> list[str]:
@@ -121,6 +150,9 @@ def write_baseline(baseline: Baseline, path: str | Path) -> None:
         "settings": baseline.settings,
         "accepted": baseline.accepted,
     }
+    if baseline.false_positives is not None:
+        # A few rows of another kind: beside the table, not in it.
+        facts["false_positives"] = baseline.false_positives.to_pydict()
     facts["sha256"] = _checksum(baseline.rows, facts)
     sink = io.BytesIO()
     table = baseline.rows.replace_schema_metadata({_METADATA: json.dumps(facts).encode()})
@@ -164,7 +196,9 @@ def read_baseline(path: str | Path) -> Baseline:
             raise DataError(f"{file}: damaged: its checksum does not match; restore it, or accept a new one")
         _check_rows(rows, file)
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
-        return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]))
+        known = facts.get("false_positives")
+        false = None if known is None else pa.table(known, schema=_FALSE)
+        return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]), false)
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         reason = first_line(error)
         raise DataError(f"{file}: not a baseline, or damaged ({reason})") from error
@@ -191,6 +225,6 @@ def accept(report: str | Path, path: str | Path, reason: str) -> Baseline:
     with one_at_a_time(Path(path).with_name(f".{Path(path).name}.lock")):
         history = read_baseline(path).accepted if Path(path).is_file() else []
         accepted = [*history, {"reason": " ".join(reason.split()), "roundel": new.accepted[0]["roundel"]}]
-        baseline = Baseline(new.rows, new.dataset_id, new.images, new.settings, new.metric_version, accepted)
+        baseline = replace(new, accepted=accepted)
         write_baseline(baseline, path)
     return baseline

@@ -3,9 +3,9 @@
 - Different datasets, metric versions, settings or runs, and too few circles, are not compared.
 - The same images with the same scores are identical; no test is needed.
 - Golden frames, if the images are the same: no error may grow beyond an absolute and a relative tolerance.
-- Statistics over all frames (`checks`): errors over their frame's own bound, shifts (a mean shows a bias of half a
-  pixel), rates. Holm's correction keeps the family's false alarms below 0.5 %, and a loss counts only beyond a relative
-  *and* an absolute floor.
+- Statistics over all frames and over each group (`questions`): errors over their frame's own bound, shifts (a mean
+  shows a bias of half a pixel), rates, stated uncertainty, detections. Holm's correction keeps the false alarms of all
+  questions together below 0.5 %, and a loss counts only beyond a relative *and* an absolute floor.
 """
 
 from __future__ import annotations
@@ -18,19 +18,10 @@ import pyarrow as pa
 
 from roundel.scenes.errors import NotComparableError
 from roundel.validate.gate.baseline import KEY, Baseline
-from roundel.validate.gate.checks import (
-    ALPHA,
-    MIN_CIRCLES,
-    POSE,
-    Check,
-    Tested,
-    answer,
-    flags,
-    floats,
-    golden,
-    questions,
-)
-from roundel.validate.statistics.intervals import holm
+from roundel.validate.gate.checks import Check, Tested, answers, strictest
+from roundel.validate.gate.golden import golden
+from roundel.validate.gate.quantities import MIN_CIRCLES, POSE, beside_truth, flags, floats
+from roundel.validate.gate.questions import RIGHT_CANDIDATE, questions
 from roundel.validate.statistics.paired_tests import detectable_effect
 
 
@@ -47,11 +38,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class GateResult:
-    """All checks, and the circles with the largest losses."""
+    """All checks, and the circles with the largest losses.
+
+    `solvable` are the methods that `roundel solve` knows, for the commands that replay a circle; None: all.
+    """
 
     checks: list[Check]
     worst: list[Frame]
     notes: list[str] = field(default_factory=list)
+    solvable: frozenset[str] | None = None
 
     @property
     def passed(self) -> bool:
@@ -78,11 +73,15 @@ def gate(new: Baseline, old: Baseline) -> GateResult:
     same_images = new.images == old.images
     checks: list[Check] = []
     tested: list[Tested] = []
-    worst: list[Frame] = []
+    notes: list[str] = []
+    pairs: list[tuple[str, pa.Table, pa.Table]] = []
     for run in _runs(old.rows):
         label = f"{run[0]}, {run[1]}"
         a, b = _rows_of(new.rows, run), _rows_of(old.rows, run)
-        if same_images and a.equals(b):
+        false = [_false_of(side, run) for side in (new, old)]
+        if None in false:
+            false = [None, None]
+        if same_images and a.equals(b) and false[0] == false[1]:
             checks.append(
                 Check(label, "identity", "identical", "the same images gave the same scores, to the last digit")
             )
@@ -92,17 +91,17 @@ def gate(new: Baseline, old: Baseline) -> GateResult:
             raise NotComparableError(f"{label}: {both} circles were solved by both; a verdict needs {MIN_CIRCLES}")
         if same_images:
             checks.append(golden(label, a, b))
-        tested += questions(label, a, b)
-        worst += _worst(label, a, b)
-    # A test whose sides do not differ cannot be a false alarm, so it is not part of the family.
-    family = [t for t in tested if t.could_differ]
-    adjusted = dict(zip(map(id, family), holm([t.test.p_value for t in family]).tolist(), strict=True))
-    checks += [answer(t, adjusted.get(id(t), 1.0)) for t in tested]
+        asked, found, said = questions(label, a, b, *false)
+        tested, checks, notes = [*tested, *asked], [*checks, *found], [*notes, *said]
+        pairs.append((label, a, b))
+    checks += answers(tested)
+    flipped = {check.run for check in checks if check.verdict == "worse" and check.name == RIGHT_CANDIDATE}
+    worst = [frame for label, a, b in pairs for frame in _worst(label, a, b, label in flipped)]
     worst.sort(key=lambda frame: -frame.growth)
     more = [
         f"{m}, {i}: not in the baseline, so not compared" for m, i in _runs(new.rows) if (m, i) not in _runs(old.rows)
     ]
-    return GateResult(checks, worst[:10], [*_power(family), *more])
+    return GateResult(checks, worst[:10], [*_power(tested), *notes, *more])
 
 
 def _check_alike(new: Baseline, old: Baseline) -> None:
@@ -139,8 +138,15 @@ def _rows_of(rows: pa.Table, run: tuple[str, str]) -> pa.Table:
     return rows.filter(pa.array((method == run[0]) & (intrinsics == run[1]))).combine_chunks()
 
 
-def _worst(run: str, new: pa.Table, old: pa.Table) -> list[Frame]:
-    """Lost circles, then those whose error grew most: that of the pose in bounds, else of the normal."""
+def _false_of(side: Baseline, run: tuple[str, str]) -> pa.Table | None:
+    return None if side.false_positives is None else _rows_of(side.false_positives, run)
+
+
+def _worst(run: str, new: pa.Table, old: pa.Table, flipped: bool) -> list[Frame]:
+    """Lost circles, then those whose error grew most: that of the pose in bounds, else of the normal.
+
+    Poses that are beside the second solution now are among them only if that is what is worse (`flipped`).
+    """
     was, is_now, unit = floats(old, POSE.column), floats(new, POSE.column), "bounds"
     what = "pose"
     if not np.isfinite(was).any():
@@ -148,21 +154,32 @@ def _worst(run: str, new: pa.Table, old: pa.Table) -> list[Frame]:
     lost = flags(old, "solved") & ~flags(new, "solved")
     growth = np.where(lost, np.inf, is_now - was)
     growth = np.where(np.isnan(growth), -np.inf, growth)
+    away = beside_truth(old) & ~beside_truth(new)
+    growth = np.where(away & ~lost & (not flipped), -np.inf, growth)
     out = []
     for row in np.argsort(-growth, kind="stable")[:10].tolist():
         if not growth[row] > 0:
             break
         sentence = "no longer solved" if lost[row] else f"{what} {was[row]:.3g} -> {is_now[row]:.3g} {unit}"
+        sentence += ", beside the second solution" if away[row] and not lost[row] else ""
         frame_id, marker_id = int(old["frame_id"][row].as_py()), int(old["marker_id"][row].as_py())
         out.append(Frame(run, frame_id, marker_id, float(growth[row]), sentence))
     return out
 
 
-def _power(family: list[Tested]) -> list[str]:
-    """Detectable losses with these frames, at Holm's first and strictest step."""
-    seen = [(t, detectable_effect(t.test.standard_error, ALPHA / len(family))) for t in family if t.kind == "growth"]
-    return [
-        f"{t.run}: a loss of {100 * math.expm1(effect):.1f} % in {t.title} would be detected in 95 of 100 cases"
-        for t, effect in seen
-        if 0 < effect < math.inf
-    ]
+def _power(tested: list[Tested]) -> list[str]:
+    """Detectable losses with these frames, at Holm's first and strictest step; of groups the largest.
+
+    No loss below what counts is detectable, however sure.
+    """
+    seen: dict[tuple[str, str, bool], tuple[float, str]] = {}
+    for t in tested:
+        if t.least is not None and t.could_differ and math.isfinite(t.test.standard_error):
+            sure = detectable_effect(t.test.standard_error, strictest(tested, bool(t.group)))
+            key, loss = (t.run, t.title, bool(t.group)), max(math.expm1(sure), t.least)
+            seen[key] = max(seen.get(key, (0.0, "")), (loss, t.name))
+    out = []
+    for (run, _, grouped), (loss, name) in seen.items():
+        where = f"{name} alone" if grouped else name
+        out.append(f"{run}: a loss of {100 * loss:.1f} % in {where} would be detected in 95 of 100 cases")
+    return out

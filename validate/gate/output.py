@@ -14,9 +14,19 @@ SUMMARY_LIMIT_BYTES = 1_000_000
 _FEW = 200  # failed checks that are listed before the circles
 
 
-def replay_command(frame: Frame) -> str:
-    """The command that solves this frame again."""
+def replay_command(frame: Frame, solvable: frozenset[str] | None = None) -> str:
+    """The command that solves this frame again; for a method that cannot be solved, the one that shows the frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    solvable : frozenset of str, optional
+        The methods that `roundel solve` knows; default: all.
+    """
     method, intrinsics = frame.run.split(", ", 1)
+    if solvable is not None and method not in solvable:
+        place = f"PAGE/index.html#frame-{frame.frame_id}; frame_id {frame.frame_id} in the file of {method}"
+        return f"roundel browse DATASET REPORT --out PAGE  # then open {' '.join(place.split())}"
     frames = f"{frame.frame_id}:{frame.frame_id + 1}"
     if intrinsics.startswith("calibrated:"):
         intrinsics += ".json"  # a run's label contains only the name of its camera file
@@ -29,7 +39,9 @@ def lines(result: GateResult) -> list[str]:
     out = [f"{check.verdict:9s} {check.run}: {check.sentence}" for check in _worst_first(result)]
     if not result.passed and result.worst:
         out.append("circles with the largest losses:")
-        out += [f"  {_place(frame)}: {frame.sentence}    {replay_command(frame)}" for frame in result.worst]
+        out += [
+            f"  {_place(frame)}: {frame.sentence}    {replay_command(frame, result.solvable)}" for frame in result.worst
+        ]
     out += result.notes
     worse = sum(check.verdict == "worse" for check in result.checks)
     return [*out, "gate: passed" if result.passed else f"gate: WORSE in {worse} of {len(result.checks)} checks"]
@@ -79,7 +91,9 @@ def _written(root: ET.Element) -> bytes:
 
 def _details(check: Check, result: GateResult) -> str:
     mine = [frame for frame in result.worst if frame.run == check.run]
-    return "\n".join([check.sentence, *(f"{_place(f)}: {f.sentence}; {replay_command(f)}" for f in mine)])
+    return "\n".join(
+        [check.sentence, *(f"{_place(f)}: {f.sentence}; {replay_command(f, result.solvable)}" for f in mine)]
+    )
 
 
 def _plain(text: str) -> str:
@@ -96,7 +110,10 @@ def markdown(result: GateResult) -> str:
         out += [*_table(worse[:_FEW]), *([f"and {len(worse) - _FEW} more"] if len(worse) > _FEW else []), ""]
     if worse and result.worst:
         out += ["### Circles with the largest losses", "", "| circle | error | replay |", "|---|---|---|"]
-        out += [f"| {_cell(_place(f))} | {_cell(f.sentence)} | `{_cell(replay_command(f))}` |" for f in result.worst]
+        out += [
+            f"| {_cell(_place(f))} | {_cell(f.sentence)} | `{_cell(replay_command(f, result.solvable))}` |"
+            for f in result.worst
+        ]
         out += ["", "### Other checks", ""]
     out += [*_table(checks[len(worse) :]), "", *(f"- {_cell(note)}" for note in result.notes)]
     kept: list[str] = []

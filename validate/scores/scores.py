@@ -71,6 +71,7 @@ SCORES_SCHEMA = pa.schema(
         ("branch_correct", pa.bool_()),
         ("likelier_probability", pa.float64()),
         ("likelier_correct", pa.bool_()),
+        ("oracle_branch_correct", pa.bool_()),
         ("confidence", pa.float64()),
         *READINGS.items(),
     ]
@@ -249,9 +250,26 @@ def score_rows(
     likelier, stated = _likelier(candidates, placed)
     data["likelier_probability"] = _nullable(stated)
     data["likelier_correct"] = pa.array(likelier == oracle, mask=~np.isfinite(stated))
+    data["oracle_branch_correct"] = _beside_truth(targets, candidates, oracle, single, placed & solved)
     data["confidence"] = _nullable(candidates.stated_confidence())
     data |= {name: [None] * n for name in READINGS}
     return pa.table([pa.array(data[f.name], type=f.type) for f in SCORES_SCHEMA], schema=SCORES_SCHEMA)
+
+
+def _beside_truth(
+    targets: Targets,
+    candidates: Candidates,
+    oracle: NDArray[np.int64],
+    single: NDArray[np.bool_],
+    there: NDArray[np.bool_],
+) -> pa.Array:
+    """Whether the oracle lies beside the true pose: false for a single pose beside the second solution.
+
+    Null without a pose, or for a single pose of a circle that has no second solution.
+    """
+    normal = candidates.normal[np.arange(len(targets)), oracle]
+    true, other = (normal_error_deg(normal, v) for v in (targets.camera_from_marker[:, :3, 2], targets.other_normal))
+    return pa.array(~single | (true <= other), mask=~there | (single & np.isnan(other)))
 
 
 def _likelier(candidates: Candidates, placed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:

@@ -8,19 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from roundel.validate.statistics.intervals import units_of
+from roundel.validate.statistics.intervals import frame_numbers
 
 Array = NDArray[np.float64]
 
-_RESAMPLES = 2000
-# Draws for up to this many rows are cached in memory, at most 100 MB.
-_KEPT = 6000
 _POWER = 0.95
 
 
@@ -48,8 +44,8 @@ class PairedTest:
     detectable: float
 
 
-def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 0) -> PairedTest:
-    """Test whether the RMS of paired errors has grown: log ratio, with its standard deviation by bootstrap over frames.
+def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, clusters: ArrayLike | None = None) -> PairedTest:
+    """Test whether the RMS of paired errors has grown: log ratio, with its linearised standard deviation over frames.
 
     The ratio of RMS is used instead of the mean of log ratios, which is dominated by frames in which an error happened
     to be small, and contains little information on the large ones.
@@ -57,10 +53,11 @@ def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 
     Parameters
     ----------
     new, old : (n,) or (n, k) array_like
-        Errors of the same frames over their bounds; k components of one frame are resampled together.
+        Errors of the same frames over their bounds; k components of one frame go together.
     alpha : float
         For `detectable`.
-    seed : int
+    clusters : (n,) array_like of int, optional
+        Frame of each row; rows of one frame go together. Default: each row is a frame of its own.
 
     Returns
     -------
@@ -81,10 +78,9 @@ def rms_ratio_test(new: ArrayLike, old: ArrayLike, *, alpha: float, seed: int = 
         effect = math.inf if total_new > 0 else -math.inf
         return PairedTest(effect, 0.0, float(total_new == 0.0), len(a), 0.0)
     effect = 0.5 * math.log(total_new / total_old)
-    # The logarithm of the ratio is close to normal, so only its standard deviation is bootstrapped.
-    draws = _resampled(np.stack([power_new, power_old], axis=1), seed)
-    error = float(np.std(0.5 * np.log(draws[:, 0] / draws[:, 1]), ddof=1))
-    return _tested(effect, error, len(a), alpha)
+    # The logarithm of the ratio is close to normal: to first order it is a sum over frames.
+    error, units = _clustered(0.5 * (power_new / total_new - power_old / total_old), clusters)
+    return _tested(effect, error, units, len(a), alpha)
 
 
 def shift_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
@@ -123,6 +119,55 @@ def mean_growth_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedT
     if error == 0.0:
         return PairedTest(mean, 0.0, float(mean <= 0.0), n, 0.0)
     return PairedTest(mean, error, float(stats.t.sf(mean / error, n - 1)), n, detectable_effect(error, alpha))
+
+
+def mean_ratio_test(new: tuple[ArrayLike, ArrayLike], old: tuple[ArrayLike, ArrayLike], *, alpha: float) -> PairedTest:
+    """Test whether a mean over items has grown, where each frame has some items, not the same on both sides.
+
+    Parameters
+    ----------
+    new, old : pair of (n,) array_like
+        Sum of the scores of each frame's items, and their number.
+    alpha : float
+        For `detectable`.
+
+    Returns
+    -------
+    PairedTest
+        `effect` is the difference of the means over all items, with its linearised standard deviation over frames.
+
+    Raises
+    ------
+    ValueError
+        If a side has no items.
+    """
+    influence, means = [], []
+    for total, number in (new, old):
+        s, n = np.asarray(total, dtype=np.float64), np.asarray(number, dtype=np.float64)
+        if n.sum() == 0:
+            raise ValueError("one side has no items to compare")
+        means.append(float(s.sum() / n.sum()))
+        influence.append((s - means[-1] * n) / n.sum())
+    effect = means[0] - means[1]
+    error, units = _clustered(influence[0] - influence[1], None)
+    return _tested(effect, error, units, units, alpha)
+
+
+def sign_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
+    """Test whether a count has grown in more frames than it has fallen: exact one-sided sign test.
+
+    Parameters
+    ----------
+    new, old : (n,) array_like of int
+        Counts of the same frames.
+
+    Returns
+    -------
+    PairedTest
+        `effect` is the share of frames with more, less that of frames with fewer.
+    """
+    a, b = _paired(new, old)
+    return mcnemar_test(a <= b, b <= a, alpha=alpha)
 
 
 def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
@@ -168,27 +213,14 @@ def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
     return a, b
 
 
-def _resampled(values: Array, seed: int) -> Array:
-    """Sums (resamples, columns) of rows (n, columns) drawn with replacement, of very many in random groups."""
-    unit = units_of(np.arange(len(values)))
-    if len(np.unique(unit)) < len(values):
-        values = np.stack([np.bincount(unit, column) for column in values.T], axis=1)
-    n = len(values)
-    if n <= _KEPT:
-        return np.asarray(_draws(n, _RESAMPLES, seed) @ values)
-    # The same draws, a few resamples at a time, which bounds the memory for any number of rows.
-    generator = np.random.default_rng(seed)
-    chance = np.full(n, 1.0 / n)
-    return np.stack([generator.multinomial(n, chance) @ values for _ in range(_RESAMPLES)])
+def _clustered(influence: Array, clusters: ArrayLike | None) -> tuple[float, int]:
+    """Standard error of a sum of influences (n,), and the number of independent units; those of a frame go together."""
+    if clusters is not None:
+        influence = np.bincount(frame_numbers(np.asarray(clusters)), influence)
+    n = len(influence)
+    return (math.sqrt(n / (n - 1) * float(np.sum(influence**2))) if n > 1 else math.inf), n
 
 
-@lru_cache(maxsize=2)
-def _draws(n: int, resamples: int, seed: int) -> Array:
-    """Number of draws of each of n rows: (resamples, n). A family of tests on the same frames shares them."""
-    generator = np.random.default_rng(seed)
-    return generator.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
-
-
-def _tested(effect: float, error: float, n: int, alpha: float) -> PairedTest:
-    p = float(stats.norm.sf(effect / error)) if error > 0 else float(effect <= 0)
-    return PairedTest(effect, error, p, n, detectable_effect(error, alpha))
+def _tested(effect: float, error: float, units: int, pairs: int, alpha: float) -> PairedTest:
+    p = float(stats.t.sf(effect / error, units - 1)) if 0 < error < math.inf else float(effect <= 0 or error > 0)
+    return PairedTest(effect, error, p, pairs, detectable_effect(error, alpha))

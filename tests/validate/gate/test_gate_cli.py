@@ -1,6 +1,8 @@
 """The gate from the command line: exit status, files, and one line if there is nothing to compare."""
 
 import json
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -74,6 +76,25 @@ def test_the_replay_command_replays(world):
     assert main([str(folder / "again") if word == "OUT" else word for word in words]) == 0
     table = pq.read_table(folder / "again" / "estimates.parquet")
     assert set(table["frame_id"].to_pylist()) == {3}
+
+
+def test_a_method_of_a_file_is_shown_and_not_solved(world, capsys):
+    folder, dataset = world
+    for name, noise in (("before", 0.01), ("after", 0.3)):
+        report(folder, name, estimate_rows(dataset, [RUN], noise_px=noise, method="my csv"))
+    accept = ["baseline", "accept", str(folder / "before"), "--baseline", str(folder / "c.parquet"), "--reason", "csv"]
+    assert main(accept) == 0
+    capsys.readouterr()
+    assert main(["gate", str(folder / "after"), "--baseline", str(folder / "c.parquet")]) == 1
+    out = capsys.readouterr().out
+    assert "roundel solve" not in out
+    line = next(line for line in out.splitlines() if "roundel browse" in line)
+    number = re.search(r"frame (\d+), marker", line)[1]
+    assert line.endswith(f"PAGE/index.html#frame-{number}; frame_id {number} in the file of my csv")
+    words = shlex.split(line[line.index("roundel browse") :], comments=True)[1:]
+    places = {"DATASET": folder / "dataset", "REPORT": folder / "after", "PAGE": folder / "page"}
+    assert main([str(places.get(word, word)) for word in words]) == 0
+    assert (folder / "page" / "index.html").is_file()
 
 
 def test_no_samples_end_with_3_and_one_line(world, capsys, monkeypatch):

@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 from roundel.validate.gate.baseline import Baseline, read_baseline, write_baseline
-from roundel.validate.gate.checks import CHI2, CHOICE, SCORE
 from roundel.validate.gate.gate import GateResult, gate
+from roundel.validate.gate.quantities import CHI2, CHOICE, SCORE
 from roundel.validate.statistics.paired_tests import mean_growth_test
 
 N = 600
@@ -67,16 +67,31 @@ def red(result: GateResult) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"), [(1e-6, "larger than stated"), (0.7, "larger than stated"), (1.5, "smaller than stated")]
+    ("factor", "names", "words"),
+    [
+        (1e-6, ["stated uncertainty", "over-confidence"], "-> 0.0 % of 600 truths within the 95 % region"),
+        (0.7, ["stated uncertainty", "over-confidence"], "truths within the 95 % region"),
+        (1.5, ["stated uncertainty", "under-confidence", "sharpness"], "truths within the 50 % region"),
+    ],
 )
-def test_covariances_that_do_not_hold_are_red_and_named(factor: float, words: str) -> None:
+def test_covariances_that_do_not_hold_are_red_and_named(factor: float, names: list[str], words: str) -> None:
     found = red(gate(scores(1, factor, images="same"), scores(1, images="same")))
-    assert list(found) == ["stated uncertainty"]
-    assert words in found["stated uncertainty"]
+    assert list(found) == names
+    assert words in found[names[1]]
     # Where they were wrong before, making them right is better.
     repaired = gate(scores(1, images="same"), scores(1, factor, images="same"))
     assert repaired.passed
     assert "better" in {check.verdict for check in repaired.checks if check.name == "stated uncertainty"}
+
+
+def test_sharpness_is_lost_only_where_it_was_not_needed() -> None:
+    # Larger regions where they were too small are no loss; where they held, they are, and by how much is said.
+    assert "sharpness" not in red(gate(scores(1, 1.0, images="same"), scores(1, 0.5, images="same")))
+    found = red(gate(scores(1, 1.5, images="same"), scores(1, images="same")))
+    # The square root of 1.5.
+    assert "+22.5 % of 600" in found["sharpness"]
+    # Covariances that grow by 5 % are 2.5 % larger standard deviations: below what counts.
+    assert gate(scores(1, 1.05, images="same"), scores(1, images="same")).passed
 
 
 def test_exchanged_probabilities_are_red_and_named() -> None:

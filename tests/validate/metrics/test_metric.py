@@ -9,7 +9,7 @@ import pytest
 from helpers_reports import BOARDS, estimate_rows, make_dataset, write_estimates
 
 from roundel.validate.calibration.camera_errors import calibrate_dataset
-from roundel.validate.gate.checks import questions
+from roundel.validate.gate.accuracy import accuracy_questions
 from roundel.validate.metrics import metric
 from roundel.validate.metrics.metric import METRICS, SHIFT_X, SHIFT_Y, Metric
 from roundel.validate.scores.terminal_table import terminal_table
@@ -58,9 +58,11 @@ def test_the_gate_speaks_of_the_metric_by_its_title(renamed: Metric) -> None:
         "ellipse_centre_x_error_px", "ellipse_centre_y_error_px", "normal_bound_deg", "position_bound_m",
         "ellipse_centre_bound_px",
     )}  # fmt: skip
-    rows = pa.table({**columns, "group": ["a"] * n, "solved": [True] * n, "branch_correct": [True] * n})
-    asked = questions("run", rows, rows)
-    assert ("zenith", "gon") in {(q.title, q.unit) for q in asked}
+    rows = pa.table(
+        {**columns, "frame_id": np.arange(n), "group": ["a"] * n, "solved": [True] * n, "branch_correct": [True] * n}
+    )
+    asked, _ = accuracy_questions("run", rows, rows)
+    assert "gon of 60" in next(q.sentence for q in asked if q.title == "zenith")
     assert "normal" not in {q.title for q in asked}
 
 
