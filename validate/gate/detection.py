@@ -38,8 +38,9 @@ class _Side:
 
     @property
     def stated(self) -> Array:
-        every = np.concatenate([self.right, self.wrong])
-        return every[np.isfinite(every)]
+        """All stated confidences."""
+        every: Array = np.concatenate([self.right, self.wrong])
+        return np.asarray(every[np.isfinite(every)])
 
     def brier(self, frames: NDArray[np.int64]) -> tuple[Array, Array]:
         """By frame: the sum of squared differences between confidence and outcome, and the number of confidences."""
@@ -52,6 +53,7 @@ class _Side:
         return total, count
 
     def words(self) -> str:
+        """The mean confidence, and the share of detections that are right."""
         right = int(np.isfinite(self.right).sum())
         stated = self.stated
         return f"{100 * stated.mean():.1f} % stated, {100 * right / len(stated):.1f} % right"
@@ -75,7 +77,7 @@ def detection_questions(
         found = [flags(t, DETECTED) for t in (new, old)]
         # Of a method with a pose for each detection this is the question whether circles are solved.
         if any(not np.array_equal(f, flags(t, "solved")) for f, t in zip(found, (new, old), strict=True)):
-            out.append(rate(run, "detected", *found))
+            out.append(rate(run, "detected", found[0], found[1]))
     if false_new is None or false_old is None:
         return out, []
     numbers = [old["frame_id"], false_new["frame_id"], false_old["frame_id"]]

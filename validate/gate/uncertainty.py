@@ -97,7 +97,8 @@ def _coverage(run: str, new: Array, old: Array) -> list[Tested]:
         within = [v <= level for v in (new, old)]
         is_now, was = (float(v.mean()) for v in within)
         # Too few truths within a region that should hold nearly all, or too many within one that should hold half.
-        tested = rate(run, title, *(within if way > 0 else [~v for v in within]))
+        now, before = within if way > 0 else [~v for v in within]
+        tested = rate(run, title, now, before)
         away = max(0.0, way * (level - is_now)) - max(0.0, way * (level - was))
         shares = f"{100 * was:.1f} % -> {100 * is_now:.1f} % of {tested.test.n}"
         sentence = f"{shares} truths within the {100 * level:.0f} % region"
@@ -133,7 +134,7 @@ def _choice(run: str, new: pa.Table, old: pa.Table, both: Flags) -> list[Tested]
     if np.count_nonzero(known) < MIN_CIRCLES:
         return out
     score = [choice_score(p[known], r[known] > 0) for p, r in zip(stated, right, strict=True)]
-    test = _mean_change(*score, math.inf)
+    test = _mean_change(score[0], score[1], math.inf)
     means = [_stated(p[known], r[known]) for p, r in zip(stated, right, strict=True)]
     sentence = f"log score {score[1].mean():.3f} -> {score[0].mean():.3f} of {test.n}; {means[1]} -> {means[0]}"
     verdicts = growth_verdicts(test.effect, test.standard_error, SCORE_FLOOR)

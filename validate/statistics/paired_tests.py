@@ -216,7 +216,7 @@ def _paired(new: ArrayLike, old: ArrayLike) -> tuple[Array, Array]:
 def _clustered(influence: Array, clusters: ArrayLike | None) -> tuple[float, int]:
     """Standard error of a sum of influences (n,), and the number of independent units; those of a frame go together."""
     if clusters is not None:
-        influence = np.bincount(frame_numbers(np.asarray(clusters)), influence)
+        influence = np.bincount(frame_numbers(np.asarray(clusters)), influence).astype(np.float64)
     n = len(influence)
     return (math.sqrt(n / (n - 1) * float(np.sum(influence**2))) if n > 1 else math.inf), n
 
