@@ -28,11 +28,10 @@ import numpy as np
 import pyarrow as pa
 from gate_bugs import verdicts, zero_samples
 from gate_copies import Source, copies, open_source
+from gate_tables import HEAD, row
 
 from roundel.validate.gate.baseline import Baseline
-from roundel.validate.gate.checks import QUANTITIES, floats
-from roundel.validate.gate.gate import GateResult, gate
-from roundel.validate.statistics.intervals import wilson_interval
+from roundel.validate.gate.quantities import QUANTITIES, floats
 
 STUDY = Path(__file__).parents[2] / "configs" / "benchmark.yaml"
 RISE = 1.05
@@ -70,36 +69,13 @@ def mixed(new: list[Baseline], old: list[Baseline], count: int) -> Iterator[tupl
         yield replace(new[0], rows=rows[0], images="new"), replace(old[0], rows=rows[1], images="old")
 
 
-def tally(pairs: Iterator[tuple[Baseline, Baseline]]) -> tuple[int, int, dict[str, int]]:
-    """Number of comparisons, how many failed, and by which checks."""
-    n = red = 0
-    names: dict[str, int] = {}
-    for new, old in pairs:
-        result: GateResult = gate(new, old)
-        n, red = n + 1, red + (not result.passed)
-        for check in result.checks:
-            names[check.name] = names.get(check.name, 0) + (check.verdict == "worse")
-    return n, red, {name: count for name, count in names.items() if count}
-
-
-def row(title: str, pairs: Iterator[tuple[Baseline, Baseline]]) -> str:
-    n, red, names = tally(pairs)
-    if n == 0:
-        return f"| {title} | 0 | | | |"
-    interval = wilson_interval(red, n)
-    low, high = (100 * (v or 0.0) for v in (interval.low, interval.high))
-    by = ", ".join(f"{name} {count}" for name, count in sorted(names.items(), key=lambda x: -x[1]))
-    return f"| {title} | {n} | {red} | {100 * red / n:.1f} % ({low:.1f} to {high:.1f}) | {by} |"
-
-
 def statistics(source: Source, options: argparse.Namespace) -> Iterator[str]:
     """Tables of false alarms and of the loss, line by line."""
     folder = Path(options.folder) / "copies"
     plain = copies(source, folder, range(options.copies))
     noise = read_noise_of_the_loss(source, folder, plain[0])
     worse = copies(source, folder, range(FIRST_WORSE, FIRST_WORSE + options.worse), noise)
-    head = ["| comparisons | number | failed | rate (Wilson, 95 %) | by |", "|---|---|---|---|---|"]
-    yield from [f"## False alarms: {len(plain)} copies of {plain[0].rows.num_rows} frames, fresh noise", "", *head]
+    yield from [f"## False alarms: {len(plain)} copies of {plain[0].rows.num_rows} frames, fresh noise", "", *HEAD]
     yield row("mixed", mixed(plain, plain, options.comparisons))
     yield row("every pair of copies", combinations(plain, 2))
     yield row("disjoint pairs", zip(plain[::2], plain[1::2], strict=False))
@@ -112,7 +88,7 @@ def statistics(source: Source, options: argparse.Namespace) -> Iterator[str]:
         spread = ratio * math.sqrt(sum((np.std(v, ddof=1) / np.mean(v)) ** 2 / len(v) for v in (was, now)))
         rise = f"{100 * (ratio - 1):+.2f} +- {100 * spread:.2f} %"
         yield f"| {q.title} | {np.mean(was):.3f} | {np.mean(now):.3f} | {rise} |"
-    yield from ["", *head]
+    yield from ["", *HEAD]
     yield row("mixed", mixed(worse, plain, options.comparisons))
     yield row("every noisier copy against every other", ((new, old) for new in worse for old in plain))
     yield row("disjoint pairs", zip(worse, plain, strict=False))

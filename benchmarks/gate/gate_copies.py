@@ -14,6 +14,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
@@ -27,7 +28,13 @@ from roundel.scenes.world.frame import Frame, frame_of
 from roundel.solver.estimates import ESTIMATES
 from roundel.solver.methods import solve
 from roundel.validate.estimates.runs import read_runs
-from roundel.validate.gate.baseline import Baseline, baseline_of_scores, read_baseline, write_baseline
+from roundel.validate.gate.baseline import (
+    Baseline,
+    baseline_of_false_positives,
+    baseline_of_scores,
+    read_baseline,
+    write_baseline,
+)
 from roundel.validate.metrics.ground_truth import Targets, true_targets
 from roundel.validate.metrics.metric import METRIC_VERSION
 from roundel.validate.scores.scores import score
@@ -103,7 +110,8 @@ def score_copy(source: Source, folder: Path, images: str) -> Baseline:
         pass  # none yet, or another version
     scores = score(source.dataset, source.targets, read_runs([folder / ESTIMATES], source.dataset))
     identity = str(source.dataset.manifest["dataset_id"]), images, "benchmark"
-    made = Baseline(baseline_of_scores(scores.table), *identity, METRIC_VERSION, [])
+    false = baseline_of_false_positives(pa.concat_tables([found.table for found in scores.false_detections]))
+    made = Baseline(baseline_of_scores(scores.table), *identity, METRIC_VERSION, [], false)
     write_baseline(made, folder / SCORES)
     return read_baseline(folder / SCORES)
 
