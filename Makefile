@@ -40,13 +40,13 @@ test-slow: env ## only the tests marked slow
 	$(BIN)/python -m pytest -m slow $(PYTEST_FLAGS)
 
 # What decides whether a number is right; 95 % of its branches are asked for.
-SCORED = metrics/pose_errors metrics/bop statistics/intervals scores/run_statistics scores/comparisons statistics/paired_tests scores/scores metrics/sweeps metrics/cramer_rao scores/assignment metrics/ground_truth scores/summary metrics/uncertainty scores/stated_uncertainty
+SCORED = metrics/pose_errors metrics/bop statistics/intervals scores/run_statistics scores/comparisons statistics/paired_tests scores/scores metrics/sweeps metrics/cramer_rao scores/assignment metrics/ground_truth scores/summary metrics/uncertainty scores/stated_uncertainty scores/false_positives
 coverage: env ## branch coverage of the code that scores, by its own tests
 	$(BIN)/python -m coverage run --branch --data-file=.coverage \
 	    --include="$$(printf 'validate/%s.py,' $(SCORED))" -m pytest -m 'not slow' -q $(PYTEST_FLAGS) \
 	    tests/validate/metrics/test_pose_errors.py tests/validate/metrics/test_bop.py tests/validate/statistics/test_intervals.py tests/validate/scores/test_run_statistics.py \
 	    tests/validate/statistics/test_paired_tests.py tests/validate/scores/test_scores.py tests/validate/metrics/test_sweeps.py tests/validate/metrics/test_cramer_rao.py tests/validate/report/test_report.py \
-	    tests/validate/metrics/test_uncertainty.py tests/validate/scores/test_coverage.py
+	    tests/validate/metrics/test_uncertainty.py tests/validate/scores/test_coverage.py tests/validate/scores/test_false_positives.py
 	$(BIN)/python -m coverage report --data-file=.coverage --show-missing --fail-under=95
 
 check: env links ## ruff, mypy --strict, import-linter

@@ -1,6 +1,6 @@
 """Error rates of the gate on resampled scores: losses in one group, one pose a circle, statements that do not hold.
 
-    python benchmarks/gate/gate_resampled.py [--baseline benchmarks/baseline.parquet] [--comparisons 1000] [--out FILE]
+    python benchmarks/gate/gate_resampled.py [--baseline FILE] [--comparisons 1000] [--losses 300] [--out FILE]
 
 Each side of a comparison draws, for each circle, the errors of a random circle of its group in a baseline, in units of
 the bounds: fresh noise with the distribution that the solver has on rendered frames, and no image rendered. Losses are
@@ -40,10 +40,11 @@ _KEPT = (*(q.column for q in (*QUANTITIES, *SHIFTS)), SCORE, CHI2)
 class Resampled:
     """Scores of one run of a baseline, drawn again circle by circle within its groups."""
 
-    def __init__(self, baseline: Baseline) -> None:
+    def __init__(self, baseline: Baseline, times: int = 1) -> None:
         rows = baseline.rows
         first = [pc.equal(rows[name], rows[name][0]) for name in ("method", "intrinsics")]
-        self.rows = rows.filter(pc.and_(*first)).combine_chunks()
+        mine = rows.filter(pc.and_(*first))
+        self.rows = pa.concat_tables([_renumbered(mine, i) for i in range(times)]).combine_chunks()
         self.n = self.rows.num_rows
         names = groups_of(self.rows)
         if len(np.unique(names)) < FEW_GROUPS:
@@ -89,6 +90,14 @@ class Resampled:
         return replace(self.baseline, rows=rows, images=str(generator.integers(2**62)), false_positives=None)
 
 
+def _renumbered(rows: pa.Table, copy: int) -> pa.Table:
+    """The same circles on other frames."""
+    frames = rows["frame_id"].to_numpy()
+    return rows.set_column(
+        rows.column_names.index("frame_id"), "frame_id", pa.array(frames + copy * (frames.max() + 1))
+    )
+
+
 def pairs(
     count: int, new: Callable[..., Baseline], old: Callable[..., Baseline]
 ) -> Iterator[tuple[Baseline, Baseline]]:
@@ -130,7 +139,7 @@ def _named(name: str) -> Callable[[GateResult], bool]:
     return lambda result: name in worse(result)
 
 
-def one_pose(source: Resampled, count: int, undecided: float) -> Iterator[str]:
+def one_pose(source: Resampled, count: int, losses: int, undecided: float) -> Iterator[str]:
     """One pose a circle: fresh noise, the normal's noise doubled, and a branch that is wrong more often."""
 
     def side(share: float, normal_scale: float = 1.0) -> Callable[..., Baseline]:
@@ -146,9 +155,9 @@ def one_pose(source: Resampled, count: int, undecided: float) -> Iterator[str]:
     for share in SHARES:
         title = f"{100 * share:.0f} % wrong"
         yield row(f"{title}: fresh noise", pairs(count, side(share), side(share)))
-        yield row(f"{title}: normal noise doubled", pairs(count, side(share, 2.0), side(share)), _named("normal"))
+        yield row(f"{title}: normal noise doubled", pairs(losses, side(share, 2.0), side(share)), _named("normal"))
         new = side(share + 0.05)
-        yield row(f"{title}: wrong 5 points more often", pairs(count, new, side(share)), _named("right candidate"))
+        yield row(f"{title}: wrong 5 points more often", pairs(losses, new, side(share)), _named("right candidate"))
 
 
 def statements(source: Resampled) -> Iterator[str]:
@@ -169,16 +178,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--baseline", default=str(Path(__file__).parents[1] / "baseline.parquet"))
     parser.add_argument("--comparisons", type=int, default=1000, help="number of comparisons of each kind")
+    parser.add_argument("--losses", type=int, default=300, help="the same for losses of one pose a circle")
+    parser.add_argument(
+        "--only", nargs="*", choices=("groups", "pose", "noise", "statements"), help="only these tables"
+    )
     parser.add_argument("--out", help="also write the tables to this file")
     options = parser.parse_args()
-    source, count = Resampled(read_baseline(options.baseline)), options.comparisons
-    parts = [
-        whole_and_groups(source, count),
-        *(one_pose(source, count, undecided) for undecided in (UNDECIDED, 1.0)),
-        statements(source),
-    ]
+    baseline = read_baseline(options.baseline)
+    source, count, losses = Resampled(baseline), options.comparisons, options.losses
+    parts = {
+        "groups": [whole_and_groups(source, count)],
+        "pose": [one_pose(source, count, losses, UNDECIDED)],
+        "noise": [one_pose(Resampled(baseline, times), losses, losses, 1.0) for times in (1, 2)],
+        "statements": [statements(source)],
+    }
     lines: list[str] = []
-    for part in parts:
+    for part in chain.from_iterable(parts[name] for name in options.only or parts):
         for line in chain(part, [""]):
             print(line, flush=True)
             lines.append(line)

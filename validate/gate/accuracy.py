@@ -56,7 +56,8 @@ def accuracy_questions(run: str, new: pa.Table, old: pa.Table) -> tuple[list[Tes
             out.append(rate(run, f"{q.title} given", keep[known], np.ones(int(known.sum()))))
         x, y, group = a[keep] / bound[keep], b[keep] / bound[keep], groups_of(old)[keep]
         if len(x):
-            limit = _limits(y, group)
+            # An error below what counts is not gross, however small the others are.
+            limit = np.maximum(_limits(y, group), q.floor / bound[keep])
             wild = rate(run, f"{q.title} without gross error", x <= limit, y <= limit)
             out += [wild] if wild.could_differ else []
             tame = (x <= limit) & (y <= limit)

@@ -112,3 +112,15 @@ def test_gross_errors_neither_fill_the_rms_nor_move_their_own_limit() -> None:
     found = worse(gate(wild(1, 1.5), wild(2, 1.0)))
     assert "RMS 1" in found["pose"]
     assert float(re.search(r"group \+(\S+) %", found["pose"])[1]) == pytest.approx(50, abs=10)
+
+
+def test_errors_below_what_counts_are_not_gross() -> None:
+    # Rounding: most errors are of 1e-9 of what counts, and one in four of another solver's is a thousand times larger.
+    def rounded(seed: int, share: float) -> object:
+        side = method_scores(seed, scale=1e-9)
+        at = side.rows.column_names.index("oracle_pose_error_bounds")
+        more = np.where(np.random.default_rng(seed).random(N) < share, 1e3, 1.0)
+        values = side.rows[at].to_numpy() * more
+        return type(side)(**{**vars(side), "rows": side.rows.set_column(at, "oracle_pose_error_bounds", [values])})
+
+    assert gate(rounded(1, 0.25), rounded(2, 0.0)).passed

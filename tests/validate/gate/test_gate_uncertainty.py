@@ -114,6 +114,39 @@ def test_covariances_that_are_no_longer_given_are_a_loss() -> None:
     assert gate(scores(1, bare=40), scores(2, bare=40)).passed
 
 
+def test_few_poses_are_not_asked() -> None:
+    # Twenty with a covariance are too few for a verdict, on either side; losing nearly all of them is one.
+    names = {check.name for check in gate(scores(1, bare=N - 20), scores(2, bare=N - 20)).checks}
+    assert not {"stated uncertainty", "over-confidence", "sharpness"} & names
+    assert list(red(gate(scores(1, bare=N - 20, images="same"), scores(1, images="same")))) == ["covariance given"]
+
+
+def test_probabilities_that_are_no_longer_given_are_a_loss() -> None:
+    def silent(side: Baseline, rows: int) -> Baseline:
+        at = side.rows.column_names.index(CHOICE[0])
+        none = np.arange(N) < rows
+        column = pa.array(side.rows[at].to_numpy(), mask=none, type=pa.float32())
+        return replace(side, rows=side.rows.set_column(at, CHOICE[0], column))
+
+    old = scores(1, images="same")
+    for rows in (40, N - 20):
+        assert list(red(gate(silent(old, rows), old))) == ["probability of the likelier candidate given"]
+    assert not [c for c in gate(silent(scores(2), N - 20), silent(old, N - 20)).checks if "likelier" in c.name]
+
+
+def test_a_group_whose_covariances_do_not_hold_is_named() -> None:
+    groups = pa.array(["first" if i < 100 else "second" for i in range(N)])
+
+    def grouped(side: Baseline) -> Baseline:
+        return replace(side, rows=side.rows.set_column(side.rows.column_names.index("group"), "group", groups))
+
+    old, other = grouped(scores(1, images="same")), grouped(scores(1, 0.3, images="same"))
+    parts = [other.rows.slice(0, 100), old.rows.slice(100)]
+    found = red(gate(replace(other, rows=pa.concat_tables(parts).combine_chunks()), old))
+    assert "stated uncertainty in first" in found
+    assert "stated uncertainty in second" not in found
+
+
 def test_a_baseline_of_an_older_version_is_compared_in_what_it_has(tmp_path: Path) -> None:
     old = scores(1)
     before = replace(old, rows=old.rows.drop_columns([SCORE, CHI2, *CHOICE]))
