@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers_gate import method_scores, worse
 from numpy.typing import NDArray
 
+from roundel.validate.gate.baseline import Baseline
 from roundel.validate.gate.gate import gate
 from roundel.validate.gate.output import lines
 
@@ -42,6 +44,15 @@ def test_normal_noise_doubled_is_found_whatever_the_share(share: float) -> None:
         assert float(re.search(r"group \+(\S+) %", found["normal"])[1]) == pytest.approx(100, abs=20)
 
 
+def test_a_baseline_of_an_older_version_tells_by_the_choice() -> None:
+    def older(side: Baseline) -> Baseline:
+        return replace(side, rows=side.rows.drop_columns(["oracle_branch_correct", "detected"]))
+
+    old = older(method_scores(2, wrong=wrong(0.5, 2)))
+    assert {"pose", "normal"} <= set(worse(gate(method_scores(1, normal_scale=2.0, wrong=wrong(0.5, 1)), old)))
+    assert gate(method_scores(1, wrong=wrong(0.5, 1)), old).passed
+
+
 @pytest.mark.parametrize("share", SHARES)
 def test_a_rate_worse_by_five_points_is_found_and_named(share: float) -> None:
     for seed in range(5):
@@ -71,11 +82,8 @@ def test_what_can_be_detected_is_said_of_the_poses_beside_the_truth() -> None:
     values = old.rows["oracle_pose_error_bounds"].to_numpy().copy()
     values[5] *= 1.001
     at = old.rows.column_names.index("oracle_pose_error_bounds")
-    new = method_scores(1, images="other")
-    new.rows.set_column(at, "oracle_pose_error_bounds", [values])
-    result = gate(
-        type(new)(**{**vars(new), "rows": new.rows.set_column(at, "oracle_pose_error_bounds", [values])}), old
-    )
+    new = replace(old, images="other", rows=old.rows.set_column(at, "oracle_pose_error_bounds", [values]))
+    result = gate(new, old)
     assert "a loss of 2.0 % in pose" in "\n".join(result.notes)
 
 
@@ -102,12 +110,12 @@ def test_golden_frames_ask_for_no_side() -> None:
 
 def test_gross_errors_neither_fill_the_rms_nor_move_their_own_limit() -> None:
     # Six of ten poses are wild, others on each side; the rest loses a half.
-    def wild(seed: int, scale: float) -> object:
+    def wild(seed: int, scale: float) -> Baseline:
         side = method_scores(seed, scale=scale)
         at = side.rows.column_names.index("oracle_pose_error_bounds")
         g = np.random.default_rng(seed + 50)
         values = np.where(g.random(N) < 0.6, 1e4 * g.random(N) + 1e3, side.rows[at].to_numpy())
-        return type(side)(**{**vars(side), "rows": side.rows.set_column(at, "oracle_pose_error_bounds", [values])})
+        return replace(side, rows=side.rows.set_column(at, "oracle_pose_error_bounds", [values]))
 
     found = worse(gate(wild(1, 1.5), wild(2, 1.0)))
     assert "RMS 1" in found["pose"]
@@ -116,11 +124,11 @@ def test_gross_errors_neither_fill_the_rms_nor_move_their_own_limit() -> None:
 
 def test_errors_below_what_counts_are_not_gross() -> None:
     # Rounding: most errors are of 1e-9 of what counts, and one in four of another solver's is a thousand times larger.
-    def rounded(seed: int, share: float) -> object:
+    def rounded(seed: int, share: float) -> Baseline:
         side = method_scores(seed, scale=1e-9)
         at = side.rows.column_names.index("oracle_pose_error_bounds")
         more = np.where(np.random.default_rng(seed).random(N) < share, 1e3, 1.0)
         values = side.rows[at].to_numpy() * more
-        return type(side)(**{**vars(side), "rows": side.rows.set_column(at, "oracle_pose_error_bounds", [values])})
+        return replace(side, rows=side.rows.set_column(at, "oracle_pose_error_bounds", [values]))
 
     assert gate(rounded(1, 0.25), rounded(2, 0.0)).passed
