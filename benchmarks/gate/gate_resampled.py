@@ -41,9 +41,8 @@ class Resampled:
     """Scores of one run of a baseline, drawn again circle by circle within its groups."""
 
     def __init__(self, baseline: Baseline, times: int = 1) -> None:
-        rows = baseline.rows
-        first = [pc.equal(rows[name], rows[name][0]) for name in ("method", "intrinsics")]
-        mine = rows.filter(pc.and_(*first))
+        rows, self.times = baseline.rows, times
+        mine = rows.filter(_of_first_run(rows, rows))
         self.rows = pa.concat_tables([_renumbered(mine, i) for i in range(times)]).combine_chunks()
         self.n = self.rows.num_rows
         names = groups_of(self.rows)
@@ -54,6 +53,12 @@ class Resampled:
         self.members = [np.flatnonzero(names == name) for name in self.names]
         self.values = {name: floats(self.rows, name) for name in (*_KEPT, *BOUNDS)}
         self.baseline = baseline
+        # Confidences of the false positives of each frame; of one circle a frame they are drawn with it.
+        self.false: dict[int, list[float | None]] = {}
+        if baseline.false_positives is not None:
+            every = baseline.false_positives.filter(_of_first_run(baseline.false_positives, rows))
+            for frame, confidence in zip(*(every[name].to_pylist() for name in ("frame_id", CONFIDENCE)), strict=True):
+                self.false.setdefault(frame, []).append(confidence)
 
     def side(
         self,
@@ -87,7 +92,29 @@ class Resampled:
         none = pa.nulls(self.n, pa.bool_())
         rows = rows.append_column("branch_correct", none if wrong is None else pa.array(~wrong))
         rows = rows.append_column("oracle_branch_correct", none if wrong is None else pa.array(~wrong))
-        return replace(self.baseline, rows=rows, images=str(generator.integers(2**62)), false_positives=None)
+        return replace(
+            self.baseline, rows=rows, images=str(generator.integers(2**62)), false_positives=self._false(donor)
+        )
+
+    def _false(self, donor: NDArray[np.int64]) -> pa.Table | None:
+        """The false positives of each circle's donor, on the circle's own frame."""
+        known = self.baseline.false_positives
+        if known is None:
+            return None
+        frames = self.rows["frame_id"].to_pylist()
+        first = frames[: len(frames) // self.times]
+        drawn = [
+            {"frame_id": frame, CONFIDENCE: confidence}
+            for frame, j in zip(frames, donor.tolist(), strict=True)
+            for confidence in self.false.get(first[j % len(first)], [])
+        ]
+        run = {name: self.rows[name][0].as_py() for name in ("method", "intrinsics")}
+        return pa.Table.from_pylist([{**run, **row} for row in drawn], schema=known.schema)
+
+
+def _of_first_run(table: pa.Table, rows: pa.Table) -> pa.ChunkedArray:
+    """Which rows of a table are of the first run of a baseline."""
+    return pc.and_(*(pc.equal(table[name], rows[name][0]) for name in ("method", "intrinsics")))
 
 
 def _renumbered(rows: pa.Table, copy: int) -> pa.Table:

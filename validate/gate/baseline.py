@@ -121,9 +121,31 @@ def baseline_of_scores(scores: pa.Table) -> pa.Table:
 
 def baseline_of_false_positives(false: pa.Table) -> pa.Table:
     """The columns of false_positives.parquet that a gate compares, in an order that depends on the rows alone."""
-    confidence = false[CONFIDENCE].cast(pa.float32()).cast(pa.float64())
-    rows = false.select(_FALSE.names).set_column(_FALSE.get_field_index(CONFIDENCE), CONFIDENCE, confidence)
+    # Seven digits, as of other numbers: the text of more would be half of the file.
+    confidence = [None if c is None else float(f"{c:.7g}") for c in false[CONFIDENCE].to_pylist()]
+    rows = false.select(_FALSE.names)
+    rows = rows.set_column(rows.column_names.index(CONFIDENCE), CONFIDENCE, pa.array(confidence, pa.float64()))
     return rows.cast(_FALSE).sort_by([(name, "ascending") for name in _FALSE.names]).combine_chunks()
+
+
+def _false_record(false: pa.Table) -> list[dict[str, Any]]:
+    """False positives as JSON: for each run its frames and confidences."""
+    runs: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in false.to_pylist():
+        key = row["method"], row["intrinsics"]
+        run = runs.setdefault(key, {"method": key[0], "intrinsics": key[1], "frame_id": [], "confidence": []})
+        run["frame_id"].append(row["frame_id"])
+        run["confidence"].append(row["confidence"])
+    return list(runs.values())
+
+
+def _false_of_record(record: list[dict[str, Any]]) -> pa.Table:
+    tables = [_FALSE.empty_table()]
+    for run in record:
+        n = len(run["frame_id"])
+        columns = {**run, "method": [run["method"]] * n, "intrinsics": [run["intrinsics"]] * n}
+        tables.append(pa.table({name: columns[name] for name in _FALSE.names}, schema=_FALSE))
+    return pa.concat_tables(tables).combine_chunks()
 
 
 def _columns_in(table: pa.Table) -> list[str]:
@@ -152,7 +174,7 @@ def write_baseline(baseline: Baseline, path: str | Path) -> None:
     }
     if baseline.false_positives is not None:
         # A few rows of another kind: beside the table, not in it.
-        facts["false_positives"] = baseline.false_positives.to_pydict()
+        facts["false_positives"] = _false_record(baseline.false_positives)
     facts["sha256"] = _checksum(baseline.rows, facts)
     sink = io.BytesIO()
     table = baseline.rows.replace_schema_metadata({_METADATA: json.dumps(facts).encode()})
@@ -197,7 +219,7 @@ def read_baseline(path: str | Path) -> Baseline:
         _check_rows(rows, file)
         identity = str(facts["dataset_id"]), str(facts["images"]), str(facts["settings"])
         known = facts.get("false_positives")
-        false = None if known is None else pa.table(known, schema=_FALSE)
+        false = None if known is None else _false_of_record(known)
         return Baseline(rows, *identity, int(facts["metric_version"]), list(facts["accepted"]), false)
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         reason = first_line(error)
