@@ -27,6 +27,8 @@ class Check:
     sentence : str
     p_value : float
         Adjusted for the family; NaN if nothing was tested.
+    group : str
+        The group that it is about; empty for all circles of the run.
     """
 
     run: str
@@ -34,6 +36,7 @@ class Check:
     verdict: str
     sentence: str
     p_value: float = math.nan
+    group: str = ""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,8 @@ def strictest(tested: list[Tested], grouped: bool) -> float:
 
 
 def _answer(t: Tested, p: float) -> Check:
-    return Check(t.run, t.name, t.certain if p < ALPHA else t.otherwise, f"{t.name}: {t.sentence}, p = {p:.2g}", p)
+    verdict = t.certain if p < ALPHA else t.otherwise
+    return Check(t.run, t.name, verdict, f"{t.name}: {t.sentence}, p = {p:.2g}", p, t.group)
 
 
 def rate(run: str, title: str, new: Flags | Array, old: Flags | Array, floor: float = RATE_FLOOR) -> Tested:

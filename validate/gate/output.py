@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import xml.etree.ElementTree as ET
+from collections import Counter
 
 from roundel.validate.gate.checks import Check
 from roundel.validate.gate.gate import Frame, GateResult
@@ -35,8 +36,14 @@ def replay_command(frame: Frame, solvable: frozenset[str] | None = None) -> str:
 
 
 def lines(result: GateResult) -> list[str]:
-    """The verdict for a terminal: failed checks first, then the others, then the circles with the largest losses."""
-    out = [f"{check.verdict:9s} {check.run}: {check.sentence}" for check in _worst_first(result)]
+    """The verdict for a terminal: failed checks first, then the others, then the circles with the largest losses.
+
+    Groups in which nothing changed are counted, not listed.
+    """
+    quiet = Counter(check.run for check in result.checks if check.group and check.verdict == "same")
+    shown = [check for check in _worst_first(result) if not check.group or check.verdict != "same"]
+    out = [f"{check.verdict:9s} {check.run}: {check.sentence}" for check in shown]
+    out += [f"{'same':9s} {run}: {count} checks of single groups" for run, count in quiet.items()]
     if not result.passed and result.worst:
         out.append("circles with the largest losses:")
         out += [

@@ -7,6 +7,7 @@ from helpers_gate import method_scores, worse
 
 from roundel.validate.gate.checks import FAMILIES, answers
 from roundel.validate.gate.gate import gate
+from roundel.validate.gate.output import lines
 from roundel.validate.gate.questions import questions
 
 N, GROUPS = 3250, 13
@@ -46,6 +47,17 @@ def test_groups_and_the_whole_share_the_false_alarms() -> None:
     some = [t for t in tested if t.could_differ]
     least = min(some, key=lambda t: t.test.p_value)
     assert {c.name: c.p_value for c in answers(tested)}[least.name] == min(1.0, len(some) * least.test.p_value)
+
+
+def test_groups_in_which_nothing_changed_are_one_line() -> None:
+    scale = np.ones(N)
+    scale[:250] = 1.5
+    result = gate(method_scores(1, groups=GROUPS, scale=scale), method_scores(2, groups=GROUPS))
+    said = [line for line in lines(result) if "group" in line and "would be detected" not in line and "%" in line]
+    assert any(line.startswith("worse     mine, true: pose in group 0: RMS") for line in said)
+    quiet = sum(bool(check.group) and check.verdict == "same" for check in result.checks)
+    assert f"same      mine, true: {quiet} checks of single groups" in lines(result)
+    assert len(result.checks) > quiet + 10
 
 
 def test_the_detectable_loss_of_a_group_is_said() -> None:
