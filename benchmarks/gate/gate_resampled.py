@@ -30,7 +30,8 @@ from roundel.validate.metrics.uncertainty import DEGREES_OF_FREEDOM
 
 Array = NDArray[np.float64]
 
-FEW_GROUPS, GROUPS = 8, 13
+# Larger groups are divided into parts of about this size, as a benchmark of many groups has.
+PER_GROUP = 250
 SHARES = (0.0, 0.3, 0.5, 0.6)
 UNDECIDED = 0.2
 AWAY_DEG = 40.0  # any angle between the two solutions: poses beside the second are not compared
@@ -45,10 +46,7 @@ class Resampled:
         mine = rows.filter(_of_first_run(rows, rows))
         self.rows = pa.concat_tables([_renumbered(mine, i) for i in range(times)]).combine_chunks()
         self.n = self.rows.num_rows
-        names = groups_of(self.rows)
-        if len(np.unique(names)) < FEW_GROUPS:
-            names = np.array([f"{name}, part {i * GROUPS // self.n}" for i, name in enumerate(names.tolist())])
-        self.group = names
+        self.group = names = _divided(groups_of(self.rows))
         self.names = np.unique(names).tolist()
         self.members = [np.flatnonzero(names == name) for name in self.names]
         self.values = {name: floats(self.rows, name) for name in (*_KEPT, *BOUNDS)}
@@ -110,6 +108,17 @@ class Resampled:
         ]
         run = {name: self.rows[name][0].as_py() for name in ("method", "intrinsics")}
         return pa.Table.from_pylist([{**run, **row} for row in drawn], schema=known.schema)
+
+
+def _divided(names: NDArray[np.str_]) -> NDArray[np.str_]:
+    """The group of each circle, or the part of a large one."""
+    out = names.astype(object)
+    for name in np.unique(names).tolist():
+        members = np.flatnonzero(names == name)
+        parts = max(1, round(len(members) / PER_GROUP))
+        if parts > 1:
+            out[members] = [f"{name} {1 + i * parts // len(members)}" for i in range(len(members))]
+    return out.astype(np.str_)
 
 
 def _of_first_run(table: pa.Table, rows: pa.Table) -> pa.ChunkedArray:

@@ -47,6 +47,7 @@ def accuracy_questions(run: str, new: pa.Table, old: pa.Table) -> tuple[list[Tes
     right = both & beside_truth(new) & beside_truth(old)
     out: list[Tested] = []
     notes: list[str] = []
+    by_group: Quantity | None = None  # the pose's error; its normal's where there are no bounds
     for q in QUANTITIES:
         wanted = right if q.of_pose else both
         a, b, bound = floats(new, q.column), floats(old, q.column), _bound(old, q, wanted)
@@ -71,8 +72,9 @@ def accuracy_questions(run: str, new: pa.Table, old: pa.Table) -> tuple[list[Tes
         shown = a[keep], b[keep]
         scale = _spread(y, group)
         out.append(_growth(run, q, x / scale, y / scale, shown, frame))
+        by_group = by_group or q
         names = np.unique(group)
-        for name in names.tolist() if q is QUANTITIES[0] and len(names) > 1 else []:
+        for name in names.tolist() if q is by_group and len(names) > 1 else []:
             mine = group == name
             if np.count_nonzero(mine) >= MIN_CIRCLES:
                 own = shown[0][mine], shown[1][mine]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pyarrow as pa
 from helpers_gate import method_scores, worse
 
+from roundel.validate.gate.baseline import Baseline
 from roundel.validate.gate.checks import FAMILIES, answers
 from roundel.validate.gate.gate import gate
 from roundel.validate.gate.output import lines
@@ -65,3 +69,17 @@ def test_the_detectable_loss_of_a_group_is_said() -> None:
     alone = [note for note in notes if " alone would be detected" in note]
     assert len(alone) == 1
     assert "in pose in group" in alone[0]
+
+
+def test_without_bounds_groups_are_asked_for_the_normal() -> None:
+    def bare(side: Baseline) -> Baseline:
+        rows = side.rows
+        for name in ("oracle_pose_error_bounds", "normal_bound_deg", "position_bound_m", "ellipse_centre_bound_px"):
+            rows = rows.set_column(rows.column_names.index(name), name, pa.nulls(N, pa.float32()))
+        return replace(side, rows=rows)
+
+    scale = np.ones(N)
+    scale[:250] = 2.0
+    sides = [bare(method_scores(s, groups=GROUPS, scale=f)) for s, f in ((1, scale), (2, 1.0))]
+    named = [name for name in worse(gate(*sides)) if "group" in name]
+    assert named == ["normal in group 0"]
