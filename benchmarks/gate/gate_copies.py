@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.layout import files
-from roundel.datasets.layout.images import Images
-from roundel.datasets.layout.radiance import read_radiance
+from roundel.datasets.layout.images import Images, read_image
+from roundel.datasets.layout.radiance import decode_radiance
+from roundel.render.frame_files import image_file
 from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import RoundelError
 from roundel.scenes.study.study import load_study
@@ -55,7 +56,11 @@ class Source:
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear radiance of the i-th frame."""
         if i not in self._planes:
-            self._planes[i] = read_radiance(self.path / files.radiance_name(self.frames[i].frame_id))["Y"]
+            images = self.dataset.images
+            part = images.contents.parts[images.contents.place_of(i)[0]]
+            name = files.radiance_name(self.frames[i].frame_id)
+            place = images.contents.folder.place(part.shard.name(name))
+            self._planes[i] = decode_radiance(images.contents.read(part, name), place)["Y"]
         return self._planes[i]
 
     @cached_property
@@ -87,7 +92,13 @@ class Renoised(Images):
         if self.read_noise_e is not None:
             sensor = settings.sensor.model_copy(update={"read_noise_e": self.read_noise_e})
             settings = settings.model_copy(update={"sensor": sensor})
-        return develop(replace(frame, noise_seed=seed, settings=settings), self.source.radiance(i)).image
+        again = replace(frame, noise_seed=seed, settings=settings)
+        developed = develop(again, self.source.radiance(i))
+        if settings.sensor.jpeg_quality is None:
+            return developed.image
+        ((name, data),) = image_file(again, developed).items()
+        height, width = developed.image.shape[:2]
+        return read_image(data, name, (width, height))
 
 
 def solve_copy(source: Source, folder: Path, images: Images) -> None:
@@ -140,8 +151,6 @@ def copies(
         if not (folder / name / SCORES).is_file():
             say(name)
         plain = source.dataset.images
-        solve_copy(
-            source, folder / name, Renoised(plain.path, plain.records, plain.contents, source, number, read_noise_e)
-        )
+        solve_copy(source, folder / name, Renoised(plain.records, plain.contents, source, number, read_noise_e))
         out.append(score_copy(source, folder / name, name))
     return out
