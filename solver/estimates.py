@@ -46,7 +46,7 @@ class EstimateKey(NamedTuple):
     intrinsics: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """The result of one method with one kind of intrinsics for one detection.
 
@@ -137,6 +137,36 @@ class Estimate:
 
     def __bool__(self) -> bool:
         return self.status == "ok"
+
+    def __repr__(self) -> str:
+        """A line for the detection, and one for each candidate; as a notebook shows it."""
+        where = f"frame {self.frame_id}, {self.method}, {self.intrinsics}"
+        if not self:
+            return f"<Estimate of {where}: {self.status}, {self.reason or 'no reason given'}>"
+        lines = [f"<Estimate of {where}"]
+        if self.ellipse is not None:
+            x, y, a, b, angle = self.ellipse
+            lines.append(f"  ellipse: centre ({x:.2f}, {y:.2f}) px, semi-axes {a:.2f} and {b:.2f} px, {angle:.1f} deg")
+        if self.distance_m is not None and self.tilt_deg is not None:
+            for i, (distance_m, tilt_deg) in enumerate(zip(self.distance_m, self.tilt_deg, strict=True)):
+                likely = "" if self.probability is None else f", probability {self.probability[i]:.2g}"
+                chosen = ", chosen" if self.chosen == i else ""
+                lines.append(f"  pose {i}: distance {distance_m:.4g} m, tilt {tilt_deg:.2f} deg{likely}{chosen}")
+        lines += [f"  caveat: {caveat}" for caveat in self.caveats]
+        return "\n".join(lines) + ">"
+
+    @property
+    def distance_m(self) -> Array | None:
+        """Distance of the circle's centre from the camera centre for each candidate, (2,) m; None without poses."""
+        return None if self.centre_m is None else np.linalg.norm(self.centre_m, axis=1)
+
+    @property
+    def tilt_deg(self) -> Array | None:
+        """Angle between -normal and the optical axis for each candidate, (2,) degrees; None without poses."""
+        if self.normal is None:
+            return None
+        across, along = np.hypot(self.normal[:, 0], self.normal[:, 1]), -self.normal[:, 2]
+        return np.asarray(np.degrees(np.arctan2(across, along)))
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of `estimates.parquet`: one per candidate; one for a failure or an estimate without a pose."""

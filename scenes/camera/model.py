@@ -5,6 +5,7 @@ Camera frame: x right, y down, z forward. Pixels: the centre of the top-left pix
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -36,7 +37,7 @@ class Camera:
     ----------
     width_px, height_px : int
     K : (3, 3) array
-        Calibration matrix at focus, in pixels, upper triangular, K[2, 2] = 1.
+        Calibration matrix at focus, in pixels, upper triangular, K[2, 2] = 1. Nested lists of numbers are taken, too.
     distortion : tuple of float
         Coefficients of the model in OpenCV's order (k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, the tilts in radians;
         fisheye: k1 k2 k3 k4); empty for none.
@@ -82,6 +83,10 @@ class Camera:
     barrel_length_m: float = 0.0
     pixel_side: float = 1.0
     magnification: tuple[float, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        with suppress(TypeError, ValueError):  # `camera_problem` says what is wrong with it
+            object.__setattr__(self, "K", np.asarray(self.K, dtype=np.float64))
 
 
 def principal_point_at_centre(width_px: int, height_px: int) -> tuple[float, float]:
