@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from roundel.solver.methods.solve import solve_dataset
     from roundel.solver.pose.circle_pose import CirclePoses, poses_from_conic, poses_from_ellipse
     from roundel.solver.tracking.tracker import TrackedMarker, Tracker
+    from roundel.validate.estimates.reader import read_estimates
     from roundel.validate.metrics.pose_errors import normal_error_deg
+    from roundel.validate.scores.report_files import read_scores
     from roundel.validate.validate import validate_dataset
 
     __version__: str
@@ -57,6 +59,8 @@ __all__ = [
     "open_images",
     "poses_from_conic",
     "poses_from_ellipse",
+    "read_estimates",
+    "read_scores",
     "render_study",
     "solve_dataset",
     "validate_dataset",
@@ -87,6 +91,8 @@ _MODULES = {
     "open_images": "datasets.layout.images",
     "poses_from_conic": "solver.pose.circle_pose",
     "poses_from_ellipse": "solver.pose.circle_pose",
+    "read_estimates": "validate.estimates.reader",
+    "read_scores": "validate.scores.report_files",
     "render_study": "render.run",
     "solve_dataset": "solver.methods.solve",
     "validate_dataset": "validate.validate",

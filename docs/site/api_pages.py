@@ -9,7 +9,7 @@ import roundel
 GROUPS = {
     "Studies and datasets": ("load_study", "Study", "render_study", "open_dataset", "Dataset", "open_images"),
     "Solving": ("locate", "solve_dataset", "Estimate"),
-    "Scoring": ("validate_dataset", "normal_error_deg"),
+    "Scoring": ("validate_dataset", "read_estimates", "read_scores", "normal_error_deg"),
     "Geometry": ("Camera", "conic_of_circle", "poses_from_conic", "poses_from_ellipse", "CirclePoses"),
     "Errors": ("RoundelError", "StudyError", "UsageError", "DataError", "NotComparableError"),
 }

@@ -43,6 +43,29 @@ def read_report_files(path: str | Path) -> tuple[dict[str, Any], pa.Table]:
     return facts, table
 
 
+def read_scores(path: str | Path) -> pa.Table:
+    """The scores of a report: a row for each true circle, method, intrinsics and reference.
+
+    Parameters
+    ----------
+    path : path
+        The folder of the report.
+
+    Returns
+    -------
+    pyarrow.Table
+        `to_pandas` makes a data frame of it where pandas is installed.
+
+    Raises
+    ------
+    UsageError
+        If there is no report.
+    DataError
+        If it is damaged.
+    """
+    return read_report_files(path)[1]
+
+
 def read_false_positives(path: str | Path, facts: dict[str, Any]) -> pa.Table | None:
     """The false positives of a report, a row of `FALSE_POSITIVES_SCHEMA` each; None if an older version wrote it.
 

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers_reports import BOARDS, POINTS, estimate_rows, failed_row, make_dataset, write_estimates
 
+import roundel
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.store.records import record_of_document
 from roundel.datasets.store.writing import sha256
@@ -110,6 +111,13 @@ def test_no_path_and_no_date(report: tuple[Path, Summary], dataset: Dataset) -> 
         assert str(report[0].parent) not in text
         assert str(dataset.path.parent) not in text
     assert not re.search(r"20\d\d-\d\d-\d\d", (report[0] / "summary.json").read_text())
+
+
+def test_scores_and_estimates_are_one_call_away(report: tuple[Path, Summary]) -> None:
+    scores = roundel.read_scores(report[0])
+    assert scores.equals(pq.read_table(report[0] / "scores.parquet"))
+    estimates = roundel.read_estimates(report[0].parent / "estimates")
+    assert set(estimates["intrinsics"].to_pylist()) == set(LABELS)
 
 
 def test_the_same_input_gives_the_same_files(report: tuple[Path, Summary], dataset: Dataset, tmp_path: Path) -> None:
