@@ -191,6 +191,17 @@ def test_too_few_samples_are_refused():
         gate(scores(1, lost=N), scores(2))
 
 
+def test_what_lies_under_nulls_does_not_count(tmp_path):
+    made = scores(1)
+    unknown = np.arange(N) % 3 == 0
+    for name in ("branch_correct", "solved", "oracle_normal_error_deg"):
+        values = made.rows["oracle_normal_error_deg"].to_numpy() if name.endswith("deg") else np.ones(N, dtype=bool)
+        hidden = pa.array(values, mask=unknown, type=made.rows[name].type)
+        made = replace(made, rows=made.rows.set_column(made.rows.column_names.index(name), name, hidden))
+    write_baseline(made, tmp_path / "baseline.parquet")
+    assert read_baseline(tmp_path / "baseline.parquet").rows.equals(made.rows)
+
+
 def test_a_baseline_survives_its_file(tmp_path):
     file = tmp_path / "baseline.parquet"
     write_baseline(scores(1), file)
