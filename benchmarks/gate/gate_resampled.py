@@ -76,7 +76,10 @@ class Resampled:
             data[q.column] = (v[q.column] / bound)[donor] * bound * factor
         data["oracle_normal_error_deg"] = data["oracle_normal_error_deg"] * normal_scale
         data[CHI2] = v[CHI2][donor]
-        data[SCORE] = 0.5 * data[CHI2] + v[SCORE] - 0.5 * v[CHI2] + DEGREES_OF_FREEDOM * np.log(factor)
+        # The size of the region is the circle's own; of one that the baseline did not solve, its donor's.
+        size = v[SCORE] - 0.5 * v[CHI2]
+        size = np.where(np.isfinite(size), size, size[donor])
+        data[SCORE] = 0.5 * data[CHI2] + size + DEGREES_OF_FREEDOM * np.log(factor)
         if wrong is not None:
             data["oracle_normal_error_deg"] = np.where(wrong, AWAY_DEG, data["oracle_normal_error_deg"])
             data[POSE.column] = np.where(wrong, AWAY_DEG / v["normal_bound_deg"], data[POSE.column])
