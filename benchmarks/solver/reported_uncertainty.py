@@ -4,7 +4,7 @@
         [--method NAME] [--markdown FILE]
 
 Each study repeats the same 48 frames at every level of one nuisance: those of `benchmarks/solver/uncertainty` and the
-nuisance studies that ship in `configs` (of most, the middle 640x480 px). Frames are rendered once, into FOLDER (default
+nuisance studies that ship in `configs` (of the large ones, the middle 640x480 px). Frames are rendered once, into FOLDER (default
 out/bench-uncertainty; an interrupted run resumes), and solved with the true camera and the default method. Of the two
 candidates, the one nearer to the true normal counts. The columns of the table are defined in `uncertainty_scores.py`.
 """
@@ -26,10 +26,11 @@ ROOT = Path(__file__).resolve().parents[2]
 OWN = ROOT / "benchmarks/solver/uncertainty"
 # Shipped studies with a nuisance. `curvature` is left out: a bent sheet has no pose that the solver's covariance is of.
 SHIPPED = (
-    "crowd", "defocus", "detection", "distortion", "jpeg", "lighting", "motion", "noise", "occlusion", "off_axis",
-    "rolling_shutter",
+    "crowd", "defocus", "detection", "distortion", "gloss", "grain", "jpeg", "lighting", "mosaic", "motion", "noise",
+    "occlusion", "off_axis", "phone", "rolling_shutter", "saturation", "soft_ink", "vignetting",
 )  # fmt: skip
-# All markers of these are within the middle of the image, and only that is rendered: a third of the pixels.
+# All markers of these are within the middle of the image, and only that is rendered: a third of the pixels. Of the
+# others, some are small already and some have markers anywhere.
 CROPPED = {"defocus", "jpeg", "lighting", "motion", "noise", "occlusion", "rolling_shutter"}
 MIDDLE_PX = {"width_px": 640, "height_px": 480}
 THREADS = 2

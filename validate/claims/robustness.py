@@ -29,8 +29,15 @@ _RESAMPLES = 2000
 # Displayed names and units of swept keys; other keys are displayed as they are.
 TITLES: dict[str, tuple[str, str]] = {
     "sensor.full_well_e": ("Full well", "electrons"),
+    "sensor.white_level": ("White paper over the full well", ""),
+    "sensor.isp.sharpen_amount": ("Sharpening", ""),
     "camera.f_number": ("F-number", ""),
     "camera.distortion.0": ("Radial distortion k1", ""),
+    "camera.barrel_mm": ("Diameter of the lens barrel", "mm"),
+    "camera.lateral_ca.0": ("Magnification of red", ""),
+    "marker.edge_softness_m": ("Width of the ink's edge", "m"),
+    "marker.grain": ("Grain of the paper", "RMS"),
+    "marker.surface.roughness": ("Roughness of the gloss", ""),
     "sensor.jpeg_quality": ("JPEG quality", ""),
     "light.environment": ("Radiance of the surroundings", ""),
     "motion.exposure_s": ("Exposure of a turning camera", "s"),
