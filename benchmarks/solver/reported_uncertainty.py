@@ -4,9 +4,10 @@
         [--method NAME] [--markdown FILE]
 
 Each study repeats the same 48 frames at every level of one nuisance: those of `benchmarks/solver/uncertainty` and the
-nuisance studies that ship in `configs` (of the large ones, the middle 640x480 px). Frames are rendered once, into FOLDER (default
-out/bench-uncertainty; an interrupted run resumes), and solved with the true camera and the default method. Of the two
-candidates, the one nearer to the true normal counts. The columns of the table are defined in `uncertainty_scores.py`.
+nuisance studies that ship in `configs` (of the large ones, the middle 640x480 px). Frames are rendered once, into
+FOLDER (default out/bench-uncertainty; an interrupted run resumes), and solved with the true camera and the default
+method. Of the two candidates, the one nearer to the true normal counts. The columns of the table are defined in
+`uncertainty_scores.py`.
 """
 
 from __future__ import annotations

@@ -17,12 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import NORMAL
 from roundel.validate.metrics.rows import Rows, column, flag_column, those, where_text
+from roundel.validate.metrics.uncertainty import percentile_of
 from roundel.validate.scores.summary import CHESSBOARD, run_keys, run_rows
-from roundel.validate.statistics.intervals import draws, wilson_interval
+from roundel.validate.statistics.intervals import Interval, draws, rate_interval, wilson_interval
 
 Array = NDArray[np.float64]
 
-ERROR, BOUND = NORMAL.oracle, NORMAL.bound
+ERROR, BOUND, CHI2 = NORMAL.oracle, NORMAL.bound, "oracle_pose_chi2"
+REGION = 0.95  # the stated region whose coverage is given
 MIN_FRAMES = 10  # per level: with fewer, the median's interval is too wide to draw
 _RESAMPLES = 2000
 
@@ -81,6 +83,8 @@ class Curve:
         Median of the error in degrees.
     relative : bool
         Whether the unit is the bound.
+    coverage : list of Interval
+        At each level, the share of truths within the 95 % region that the run states, of the poses with a covariance.
     """
 
     method: str
@@ -94,6 +98,7 @@ class Curve:
     solved: list[int]
     frames: list[int]
     doubling: Doubling
+    coverage: list[Interval]
 
 
 @dataclass(frozen=True)
@@ -177,7 +182,16 @@ def _curve(table: Rows, key: tuple[str, str, str], levels: list[float], referenc
         [int(solved[level == value].sum()) for value in levels],
         [int((level == value).sum()) for value in levels],
         _doubling(medians, median, levels, reference),
+        _coverage(table, level, levels),
     )
+
+
+def _coverage(table: Rows, level: Array, levels: list[float]) -> list[Interval]:
+    stated = CHI2 in table.column_names
+    chi2 = column(table, CHI2) if stated else np.full(table.num_rows, np.nan)
+    frame, known = column(table, "sweep_frame"), np.isfinite(chi2)
+    at = [known & (level == value) for value in levels]
+    return [rate_interval(percentile_of(chi2[rows]) <= REGION, frame[rows]) for rows in at]
 
 
 def _by_frame(values: Array, frame: Array, level: Array, frames: Array, levels: list[float]) -> Array:
@@ -273,6 +287,9 @@ def sweep_summary(sweeps: list[Sweep]) -> list[dict[str, Any]]:
                     "solved_rate_low": [r.low for r in rates],
                     "solved_rate_high": [r.high for r in rates],
                     "doubling": vars(c.doubling),
+                    "coverage": [r.value for r in c.coverage],
+                    "coverage_low": [r.low for r in c.coverage],
+                    "coverage_high": [r.high for r in c.coverage],
                 }
             )
         facts = {"group": sweep.group, "key": sweep.key, "title": sweep.title, "unit": sweep.unit}

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from roundel.validate.claims.robustness import crossing, sweep_summary, sweeps_of
 from roundel.validate.figures.robustness import doubling_in_words, sweep_pictures
@@ -96,6 +97,22 @@ def test_a_lost_circle_is_infinitely_wrong() -> None:
     assert facts[0]["curves"][0]["normal_median_deg"][3] is None
     assert "has doubled at 8.00 electrons" in doubling_in_words(facts[0], facts[0]["curves"][0])
     assert "<svg" in sweep_pictures(facts)[0].svg
+
+
+def test_coverage_of_each_level_is_that_of_its_poses() -> None:
+    """Of 20 poses, 1 lies outside at the first level, 10 at the second; at the third none has a covariance."""
+    levels = LEVELS[:3]
+    rows = table(levels, {level: np.full(20, 0.02) for level in levels})
+    inside, outside = stats.chi2.ppf([0.949, 0.951], 5)
+    chi2 = [outside, *[inside] * 19, *[inside, outside] * 10, *[None] * 20]
+    rows = rows.append_column("oracle_pose_chi2", pa.array(chi2, pa.float64()))
+    (facts,) = sweep_summary(sweeps_of(rows, study(levels)))
+    curve = facts["curves"][0]
+    assert curve["coverage"] == [0.95, 0.5, None]
+    # Wilson's interval of 10 of 20, from its definition.
+    z = stats.norm.ppf(0.975)
+    half = z / (1 + z**2 / 20) * math.sqrt(0.25 / 20 + z**2 / (4 * 20**2))
+    assert [curve["coverage_low"][1], curve["coverage_high"][1]] == pytest.approx([0.5 - half, 0.5 + half], abs=1e-12)
 
 
 def test_few_frames_give_no_curve() -> None:
