@@ -70,10 +70,11 @@ def noise_variances(
     record: Array,
     floor: Array,
     noise: Array,
-) -> None:
+) -> bool:
     """Write the variances of the pixels inside and outside, dn^2, from the model's residuals in the flat parts.
 
-    Shot noise makes the brighter side noisier. If a side has too few pixels, both share one variance.
+    Shot noise makes the brighter side noisier. If both sides have too few pixels, they share one variance. Returns
+    whether only one side has enough: the variance of the other is then that of the edge's residuals.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def noise_variances(
         Written.
     """
     k = levels.shape[1]
-    unknowns = 2 * k
+    unknowns, extrapolated = 2 * k, False
     total, number, edge, pixels = np.zeros(2), np.zeros(2), 0.0, 0
     for i in range(2):
         total[i] = plateau_squares(grams[i, :k, :k], moments[i, :k], squares[i], levels[i])
@@ -108,7 +109,7 @@ def noise_variances(
         noise[0], noise[1] = total[0] / (number[0] - k), total[1] / (number[1] - k)
     elif max(number[0], number[1]) >= fewest:
         # The other side is clipped, or out of sight: its noise is extrapolated from that of the shades between.
-        known = 0 if number[0] >= fewest else 1
+        known, extrapolated = 0 if number[0] >= fewest else 1, True
         noise[known] = total[known] / (number[known] - k)
         shares, excess = 0.0, 0.0
         for i in range(len(record)):
@@ -122,6 +123,7 @@ def noise_variances(
     # A plateau without noise (clipped or synthetic) gets its rounding's, and at most 64 times the other's weight.
     noise[0], noise[1] = max(noise[0], floor[0]), max(noise[1], floor[1])
     noise[0], noise[1] = max(noise[0], noise[1] / 64.0), max(noise[1], noise[0] / 64.0)
+    return extrapolated
 
 
 @compiled
@@ -292,8 +294,9 @@ def gauss_newton(
 ) -> tuple[int, Array, Array, Array]:
     """Iterate from a state; the arguments are those of `pixel_equations` and `noise_variances`.
 
-    `progress` is (steps done, whether the noise was measured, robust scale): it carries over to the next call if the
-    ellipse has moved so far that the distances have to be computed again.
+    `progress` is (steps done, how the noise was measured, robust scale): it carries over to the next call if the
+    ellipse has moved so far that the distances have to be computed again. The noise is not measured (0), measured (1),
+    or has to be measured again where the fit settles (2).
 
     Returns
     -------
@@ -379,9 +382,14 @@ def gauss_newton(
         decrement /= progress[2] * progress[2]
         close = largest < _CLOSE_PX or (decrement < _CLOSE and largest < _NEAR_PX)
         if close and progress[1] == 0.0 and tilted_px < _NEAR_PX:
-            noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
-            progress[1] = 1.0
+            # On a steep edge, what is left of a step is more than the noise.
+            again = noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
+            progress[1] = 2.0 if again else 1.0
         elif progress[1] > 0.0 and (largest < _SETTLED_PX or (decrement < _SETTLED and close)):
+            if progress[1] == 2.0:
+                noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
+                progress[1] = 1.0
+                continue
             if ended:
                 inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse
