@@ -29,16 +29,14 @@ from numpy.typing import NDArray
 
 from roundel.validate.metrics.rows import column, text_column, where_text
 from roundel.validate.metrics.uncertainty import percentile_of
-from roundel.validate.scores.run_statistics import COVERAGE_LEVELS
+from roundel.validate.scores.stated_uncertainty import COVERAGE_LEVELS, JUDGED, LEAST, MOST
 from roundel.validate.statistics.intervals import Interval, rate_interval
 
 CHI2 = "oracle_pose_chi2"
-WANTED = (0.90, 0.98)
-JUDGED = 0.95  # the region whose share is judged
 HEAD = (
     *("study", "group or level", "frames", "with covariance"),
     *(f"in {100 * level:g} %" for level in COVERAGE_LEVELS),
-    *("median chi-square", f"in {100 * JUDGED:g} % within {100 * WANTED[0]:g} to {100 * WANTED[1]:g} %"),
+    *("median chi-square", f"in {100 * JUDGED:g} % within {100 * LEAST:g} to {100 * MOST:g} %"),
 )
 
 
@@ -67,10 +65,10 @@ def verdict(found: Interval) -> str:
     """Whether a share of the 95 % region is within what is wanted; by chance it may not seem so."""
     if found.value is None or found.low is None or found.high is None:
         return ""
-    if WANTED[0] <= found.value <= WANTED[1]:
+    if LEAST <= found.value <= MOST:
         return "yes"
-    way = "too few" if found.value < WANTED[0] else "too many"
-    sure = found.high < WANTED[0] or found.low > WANTED[1]
+    way = "too few" if found.value < LEAST else "too many"
+    sure = found.high < LEAST or found.low > MOST
     return f"**{way}**" if sure else f"{way}; may be chance"
 
 
