@@ -6,6 +6,7 @@ edges.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -33,7 +34,7 @@ from roundel.solver.fit.pixel_fit import fit_pixels
 from roundel.solver.fit.row_motion import RowMotion
 from roundel.solver.photometry.curve_displacement import displaced, edge_displacement_px
 from roundel.solver.photometry.curve_evidence import curve_evidence
-from roundel.solver.photometry.edge_levels import side_levels
+from roundel.solver.photometry.edge_levels import overshoots, side_levels
 from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
@@ -130,13 +131,13 @@ def fit_detection(
 
     If the pixels do not determine an ellipse, or their fit does not converge, `pixels` falls back to the edge points of
     the detection; the result is then a `FallbackFit` with the reason. If the response curve is unknown, the covariance
-    includes linear and sRGB levels.
+    includes linear and sRGB levels; if the camera processed the image, what that displaces edges by.
     """
     photometry, blur_px = seen.photometry, detection.edges.blur_px
     sides = side_levels(seen.grey, detection.edges)
     fit = _fit_of(seen, detection, camera, method, motion, sides)
-    if isinstance(fit, FailedFit) or (photometry.curve.known and photometry.jpeg is None):
-        return fit  # nothing displaces its edges
+    if isinstance(fit, FailedFit):
+        return fit
     if not photometry.curve.known:
         # Between the contours of both curves.
         inside, outside = (level / photometry.top_dn for level in sides)
@@ -146,7 +147,13 @@ def fit_detection(
         return displaced(fit, -half, (3.0 if clipped else 1.0) * abs(half))
     shift = photometry.displacement_px(*sides, blur_px)
     sigma_px = _SHIFT_SIGMA * abs(shift) * (1.0 + _MORE_PER_PX * abs(shift))
-    return displaced(fit, -shift, sigma_px) if shift else fit
+    by_camera = photometry.processed_px(*sides, blur_px, _is_sharpened(seen, detection))
+    return displaced(fit, -shift, math.hypot(sigma_px, by_camera)) if shift or by_camera else fit
+
+
+def _is_sharpened(seen: Detections, detection: Detection) -> bool:
+    """Whether the camera sharpened the image: by its record, or by an edge that overshoots its levels."""
+    return seen.photometry.sharpened or overshoots(seen.grey, detection.edges)
 
 
 def _fit_of(

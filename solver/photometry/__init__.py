@@ -7,4 +7,5 @@ frame_levels: A dataset's frame as grey levels, linear in light, with what its r
 image_levels: An image array of any kind as grey levels that are linear in light, with its saturation level
 jpeg_rounding: Noise that JPEG's quantisation adds to an edge, from the tables in the file
 photometry: What is known about the levels of one image: response curve, rounding, and processing by the camera
+processing_displacement: What a camera's processing does to an edge: a displacement by sharpening and tone curves
 """

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.camera.response_curve import LINEAR, ResponseCurve
 from roundel.solver.photometry.jpeg_rounding import JpegEdge, jpeg_edge
+from roundel.solver.photometry.processing_displacement import processing_displacement_px
 
 ROUNDING = 1 / 12  # variance of a rounding to whole steps, in steps^2
 _SAMPLE = 4096
@@ -97,6 +98,14 @@ class Photometry:
         if self.averaged < 1.0 and not self.curve.identity:
             shift += math.copysign(_COLOUR_PX + min(abs(shift), _COLOUR_LOST_PX), outside_dn - inside_dn)
         return shift
+
+    def processed_px(self, inside_dn: float, outside_dn: float, blur_px: float, sharpened: bool) -> float:
+        """Standard deviation of an edge's place, toward either side, by the camera's processing.
+
+        That of typical strength, because the strength is not known; `sharpened` if the image is.
+        """
+        light = inside_dn / self.top_dn, outside_dn / self.top_dn
+        return abs(processing_displacement_px(self.curve, *light, blur_px, sharpened, self.toned))
 
     def _jpeg_edge(self, inside_dn: float, outside_dn: float, blur_px: float) -> JpegEdge:
         assert self.jpeg is not None
