@@ -147,10 +147,10 @@ def verdicts(dataset: Path, folder: Path, fresh: Baseline) -> Iterator[tuple[str
             write_baseline(replace(fresh, settings=settings), other)
         found = [said("gate", str(report), "--baseline", str(file)) for file in (same, other)]
         (code, lines), (other_code, other_lines) = found
-        yield name, code, _failed(lines), other_code, _failed(other_lines)
+        yield name, code, failed(lines), other_code, failed(other_lines)
 
 
-def _failed(lines: list[str]) -> str:
+def failed(lines: list[str]) -> str:
     """Names of the checks that failed, or the error."""
     worse = [line.split(": ", 1)[1] for line in lines if line.startswith("worse")]
     if not worse:
