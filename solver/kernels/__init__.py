@@ -22,6 +22,7 @@ sector_offsets: The offset of the edge in each sector of a contour, by Gauss-New
     neighbourhood
 small_matrices: Symmetric positive definite systems of a few unknowns, by Cholesky: too small for BLAS and its
     threads
+texture_lookup: Bilinear reflectance of a printed texture at points of the image
 trace_contour: From an approximate ellipse to the contour in the image: sectors of pixels, offsets, a better
     ellipse, again
 """
