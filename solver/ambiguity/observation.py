@@ -40,6 +40,10 @@ class Observation:
         Grey levels, linear in light; image pixels with lens distortion.
     blur_px : float
         Gaussian sigma of the blur of the marker's edges, excluding the pixel's aperture.
+    noise_dn : (float, float) or None
+        Standard deviation of a pixel inside and outside the contour: light pixels have more noise than dark ones.
+    contrast_dn : float or None
+        Outside minus inside.
     """
 
     normal: Array
@@ -49,6 +53,8 @@ class Observation:
     uncertain_camera: UncertainCamera | None = None
     image: NDArray[Any] | None = None
     blur_px: float = 0.5
+    noise_dn: tuple[float, float] | None = None
+    contrast_dn: float | None = None
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,8 @@ def estimate_of(
         uncertain,
         image=image,
         blur_px=about.get("blur_px", 0.5),
+        noise_dn=fit.noise_dn if isinstance(fit, PixelFit) else None,
+        contrast_dn=about.get("contrast_dn"),
     )
     choice = choose(observation, knowledge)
     return Estimate(

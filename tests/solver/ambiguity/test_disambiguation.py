@@ -301,6 +301,8 @@ def test_words():
     assert (upright.toward.tolist(), upright.spread_deg) == ([0, 1, 0], 7.0)
     (wall,) = parse_knowledge("wall")
     assert wall.axis.tolist() == [0, 1, 0]
+    (tick,) = parse_knowledge("tick")
+    assert tick.name == "orientation tick"
 
 
 @pytest.mark.parametrize(
@@ -315,6 +317,7 @@ def test_words():
         ("normal:0,0,x", "'x' is not a number"),
         ("floor:0,1,0:5:6", "write floor"),
         ("circle:2", "between 0 and"),
+        ("tick:0.5", "write tick"),
         ("same_side+none", "write none"),
         ("same_side:1", "write same_side"),
     ],
@@ -331,10 +334,10 @@ def test_marks_of_markers():
     assert mark_of("ring", 0.1, {"inner_diameter_m": 0.05}) == ConcentricCircle(0.5)
     assert mark_of("rings", 0.25, {"diameters_m": [0.25, 0.1875, 0.125]}) == ConcentricCircle(0.5, 0.75)
     tick = mark_of("disc_with_tick", 0.1, {"tick_from_m": 0.025, "tick_to_m": 0.045, "tick_width_m": 0.006})
-    assert tick.texture.shape == (256, 256)
-    # Half of the tick's cells lie right of the centre, in the two middle rows at least.
-    assert tick.texture[127, 128 + 64 + 10] == 1.0
-    assert tick.texture[127, 128 - 64 - 10] == 0.0
+    assert tick.texture.shape == (1024, 1024)
+    assert tick.texture[511, 512 + 256 + 10] == 1.0  # to the right of the centre only
+    assert tick.texture[511, 512 - 256 - 10] == 0.0
+    assert tick.texture.sum() * (2 / 1024) ** 2 == pytest.approx((0.9 - 0.5) * 0.12)  # its area in square radii
 
 
 class Declared(Evidence):
