@@ -25,7 +25,7 @@ INTRINSICS = (
     "true", "default", "default:width", "default:crop43", "default:2020s", "default:2020s:width",
     "default:2020s:crop43", "exif", "scaled:", "focal:", "focal35:", "calibrated:",
 )  # fmt: skip
-KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:", "coplanar")
+KNOWLEDGE = ("none", "same_side", "opposite_side", "normal:", "floor", "wall", "ceiling", "circle:", "tick", "coplanar")
 
 _IMAGES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
 _ANY = ("",)

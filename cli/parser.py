@@ -222,7 +222,7 @@ def _add_solving(add: AddVerb) -> None:
         "--knowledge",
         metavar="WORDS",
         help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO, coplanar (all circles in one plane, of one size); join several with + (default: none, both "
+        "circle:RATIO, tick, coplanar (all circles in one plane, of one size); join several with + (default: none, both "
         "poses are equally likely)",
     )
 

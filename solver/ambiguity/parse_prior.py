@@ -16,7 +16,7 @@ from roundel.solver.ambiguity.observation import Evidence
 from roundel.solver.ambiguity.pattern_cue import orientation_tick
 
 _PLACES: dict[str, Callable[..., Evidence]] = {"floor": on_floor, "ceiling": on_ceiling, "wall": on_wall}
-_MARKS: tuple[str, ...] = ("circle",)
+_MARKS: tuple[str, ...] = ("circle", "tick")
 _WORDS = ("none", *KNOWLEDGE, "normal", *_PLACES, *_MARKS)
 
 
@@ -30,6 +30,7 @@ def parse_knowledge(text: str) -> Knowledge:
     - `floor`, `ceiling`, `wall`, each with `[:GX,GY,GZ][:SPREAD_DEG]`: gravity in the camera frame; by default the
       image is upright (floor, ceiling) or the camera level (wall)
     - `circle:RATIO`: a dot or the inner edge of a ring, its diameter as a fraction of the outer diameter
+    - `tick`: the bar of paper on the marker `disc_with_tick`
 
     Raises
     ------
@@ -61,6 +62,8 @@ def _piece(text: str) -> Evidence:
             return _PLACES[name](gravity, *[_number(text, value) for value in rest])
     if name == "circle" and len(values) == 1:
         return ConcentricCircle(_number(text, values[0]))
+    if name == "tick" and not values:
+        return orientation_tick()
     if name in _WORDS:
         form = {
             "normal": "normal:X,Y,Z or normal:X,Y,Z:SPREAD_DEG",
