@@ -222,8 +222,8 @@ def _add_solving(add: AddVerb) -> None:
         "--knowledge",
         metavar="WORDS",
         help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO, tick, coplanar (all circles in one plane, of one size); join several with + (default: none, both "
-        "poses are equally likely)",
+        "circle:RATIO, tick, coplanar (all circles in one plane, of one size); join several with + (default: none, "
+        "both poses are equally likely)",
     )
 
     calibrate = add(

@@ -120,8 +120,8 @@ def pattern_of_shapes(
 def orientation_tick(from_radii: float = 0.5, to_radii: float = 0.9, width_radii: float = 0.12) -> Pattern:
     """A bar of paper along +X in a disc of ink, as `roundel` prints it on the marker `disc_with_tick`.
 
-    Its edges are exact fractions of cells, and the cells a fortieth of a pixel on a marker of 13 px: against noise of 1 DN
-    coarser ones are seen.
+    Its edges are exact fractions of cells, and the cells a fortieth of a pixel on a marker of 13 px: against noise of
+    1 DN coarser ones are seen.
     """
     size = 1024
     edges = np.linspace(-1.0, 1.0, size + 1)

@@ -1,21 +1,20 @@
 """The pixels of a print as one pose predicts them, with derivatives by every uncertain parameter.
 
 The print is sampled on a grid finer than the pixels, blurred there, and averaged over each pixel, and the gradients of
-the prediction come from the same grid. What the grid misses of an edge has to stay below the noise of a pixel: errors of
-the prediction that do not average out decide for the wrong pose with certainty, because the two poses differ by hundredths
-of a pixel. Far markers, whose prints have few pixels, get the finest grid.
+the prediction come from the same grid. What the grid misses of an edge has to stay below the noise of a pixel: errors
+of the prediction that do not average out decide for the wrong pose with certainty, because the two poses differ by
+hundredths of a pixel. Far markers, whose prints have few pixels, get the finest grid.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.scenes.camera.model import Camera, distort_px, distorts, undistort_px
+from roundel.scenes.camera.model import distort_px, distorts, undistort_px
 from roundel.solver.ambiguity.observation import Observation
 from roundel.solver.ambiguity.viewing_cone import ViewingCone
 from roundel.solver.fit.ellipse import shape_of_ellipse

@@ -67,8 +67,8 @@ def test_the_kernel_is_bilinear() -> None:
 
 @pytest.mark.parametrize("contour_noise_dn", [0.7, 3.4])
 def test_pixels_of_paper_weigh_by_their_shot_noise(contour_noise_dn: float) -> None:
-    # The fit of the contour takes the tick for noise of the ink: 3.4 instead of 0.7 on a rendered frame. With that, pixels
-    # of the tick had the weight of ink, and their noise decided for the wrong pose with certainty.
+    # The fit of the contour takes the tick for noise of the ink: 3.4 instead of 0.7 on a rendered frame. With that,
+    # pixels of the tick had the weight of ink, and their noise decided for the wrong pose with certainty.
     pose = camera_from_marker_of(normal_of(30.0, 40.0), np.array([0.0, 0.0, 22.0]), 25.0)
     region = region_inside(observed(pose, 1, contour_noise_dn))
     assert region is not None
