@@ -10,6 +10,9 @@ are equally likely. `_far` cases are 25 to 60 D away, with stronger noise. The o
 probability declared for candidate 0 against how often it was the true one, and the expected calibration error: the mean
 of |declared - right| over the bins, weighted by cases. The true candidate is the one whose normal is nearer to the true
 normal.
+
+These are thousands of simulated cases, which tell calibration errors of 0.03; `benchmarks/ambiguity/ambiguity.py` has
+the whole solver on rendered frames, fewer of them, and says how often the choice is decided.
 """
 
 from __future__ import annotations

@@ -46,7 +46,6 @@ MARKS = (
     "centre_dot_far_default",
     "inner_ring_default",
     "inner_ring_far_default",
-    "tick_default",
     "pattern_far_default",
 )
 
@@ -196,9 +195,8 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
         ideal += contrast * coverage(inner - shift, size)
         mark = ConcentricCircle(ratio)
     else:
-        reflectance = tick if kind.startswith("tick") else patches
-        ideal += contrast * printed(reflectance, pose, k, corner, size)
-        mark = PATTERNS[reflectance]
+        ideal += contrast * printed(patches, pose, k, corner, size)
+        mark = PATTERN
     image = exposed(210.0 + ideal, (2.0, 12.0) if far else (0.5, 4.0), generator)
     around = edge_points(image, outer - shift + np.array([*generator.normal(0, 0.3, 2), 0, 0, 0]))
     if isinstance(around, FailedFit):
@@ -216,11 +214,6 @@ def _mark_case(generator: np.random.Generator, kind: str) -> tuple[float, bool] 
     return choice.probability[0], _nearer(poses.normal, normal) == 0
 
 
-def tick(x: Array, y: Array) -> Array:
-    """Paper inside the ink: the tick of `disc_with_tick`."""
-    return ((x > 0.5) & (x < 0.9) & (np.abs(y) < 0.06)) * 1.0
-
-
 def patches(x: Array, y: Array) -> Array:
     """Three paper squares and a dot inside the ink, without symmetry."""
     out = np.hypot(x + 0.1, y - 0.15) < 0.12
@@ -229,7 +222,7 @@ def patches(x: Array, y: Array) -> Array:
     return out * 1.0
 
 
-PATTERNS = {tick: pattern_of(tick), patches: pattern_of(patches)}
+PATTERN = pattern_of(patches)
 
 
 def printed(reflectance: Any, pose: Array, k: Array, corner: Array, size: int) -> Array:
