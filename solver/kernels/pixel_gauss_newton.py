@@ -40,6 +40,7 @@ _NEAR_PX = 0.1  # beyond, residuals are large, and a step is small against them 
 _RELINEARISE_PX, _ROUGHLY_PX = 0.04, 0.2
 _TRUST_PX = 2.0  # largest step: beyond it the linear model is invalid
 _NEARLY_FLAT = 0.1  # fraction of the step
+_SAME_NOISE = 0.05  # relative change of a variance; chance is as large
 # Share of a disc in the blur, from Gaussian (0) to circle of confusion (1); motion blur and soft ink's ramp are beyond.
 _DISC_SIGMA, _DISC_LOWEST, _DISC_HIGHEST = 1.0, -1.0, 1.7
 # A tilted plane is more defocused on one side: the radius changes linearly across it, usually by a few per cent. The
@@ -70,11 +71,10 @@ def noise_variances(
     record: Array,
     floor: Array,
     noise: Array,
-) -> bool:
+) -> None:
     """Write the variances of the pixels inside and outside, dn^2, from the model's residuals in the flat parts.
 
-    Shot noise makes the brighter side noisier. If both sides have too few pixels, they share one variance. Returns
-    whether only one side has enough: the variance of the other is then that of the edge's residuals.
+    Shot noise makes the brighter side noisier. If both sides have too few pixels, they share one variance.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def noise_variances(
         Written.
     """
     k = levels.shape[1]
-    unknowns, extrapolated = 2 * k, False
+    unknowns = 2 * k
     total, number, edge, pixels = np.zeros(2), np.zeros(2), 0.0, 0
     for i in range(2):
         total[i] = plateau_squares(grams[i, :k, :k], moments[i, :k], squares[i], levels[i])
@@ -109,7 +109,7 @@ def noise_variances(
         noise[0], noise[1] = total[0] / (number[0] - k), total[1] / (number[1] - k)
     elif max(number[0], number[1]) >= fewest:
         # The other side is clipped, or out of sight: its noise is extrapolated from that of the shades between.
-        known, extrapolated = 0 if number[0] >= fewest else 1, True
+        known = 0 if number[0] >= fewest else 1
         noise[known] = total[known] / (number[known] - k)
         shares, excess = 0.0, 0.0
         for i in range(len(record)):
@@ -123,7 +123,6 @@ def noise_variances(
     # A plateau without noise (clipped or synthetic) gets its rounding's, and at most 64 times the other's weight.
     noise[0], noise[1] = max(noise[0], floor[0]), max(noise[1], floor[1])
     noise[0], noise[1] = max(noise[0], noise[1] / 64.0), max(noise[1], noise[0] / 64.0)
-    return extrapolated
 
 
 @compiled
@@ -295,8 +294,8 @@ def gauss_newton(
     """Iterate from a state; the arguments are those of `pixel_equations` and `noise_variances`.
 
     `progress` is (steps done, how the noise was measured, robust scale): it carries over to the next call if the
-    ellipse has moved so far that the distances have to be computed again. The noise is not measured (0), measured (1),
-    or has to be measured again where the fit settles (2).
+    ellipse has moved so far that the distances have to be computed again. The noise is not measured (0), measured where
+    the fit is close (1), or where it settles (2).
 
     Returns
     -------
@@ -382,14 +381,17 @@ def gauss_newton(
         decrement /= progress[2] * progress[2]
         close = largest < _CLOSE_PX or (decrement < _CLOSE and largest < _NEAR_PX)
         if close and progress[1] == 0.0 and tilted_px < _NEAR_PX:
-            # On a steep edge, what is left of a step is more than the noise.
-            again = noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
-            progress[1] = 2.0 if again else 1.0
+            noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
+            progress[1] = 1.0
         elif progress[1] > 0.0 and (largest < _SETTLED_PX or (decrement < _SETTLED and close)):
-            if progress[1] == 2.0:
+            if progress[1] == 1.0:
+                # On a steep edge, or in the middle of a reflection, what is left of a step may be more than the noise.
+                inside, outside = noise[0], noise[1]
                 noise_variances(grams, moments, squares, counts, levels, record, floor, noise)
-                progress[1] = 1.0
-                continue
+                progress[1] = 2.0
+                if max(abs(noise[0] / inside - 1.0), abs(noise[1] / outside - 1.0)) > _SAME_NOISE:
+                    continue
+                noise[0], noise[1] = inside, outside
             if ended:
                 inverse_of(normal, inverse)
             return CONVERGED, parameters, levels, inverse
