@@ -37,7 +37,6 @@ FAMILIES = {
 PAGE = Path(__file__).parents[1] / "robustness.md"
 COLUMNS = 3
 WANTED = (0.90, 0.98)  # coverage of the 95 % region
-LEAST_DRAWN = 60  # per cent
 OF_COVERAGE = "true"  # the intrinsics whose covariances are asked for here
 
 
@@ -83,7 +82,7 @@ def draw_coverage(axes: Axes, sweep: dict[str, Any]) -> None:
             axes.plot([place, place], [100 * low, 100 * high], color=CURVES[0], lw=1.2)
             axes.plot(place, 100 * rate, "o", color=CURVES[0], ms=3.5)
     axes.set_xticks(range(len(levels)), [f"{levels[i]:g}" for i in order])
-    axes.set_ylim(LEAST_DRAWN, 101)
+    axes.set_ylim(-5, 105)
     axes.set_xlabel(title_of(sweep))
 
 

@@ -19,7 +19,8 @@ FRAMES = 200
 def script() -> Iterator[ModuleType]:
     path = Path(__file__).resolve().parents[3] / "benchmarks" / "uncertainty" / "coverage.py"
     spec = importlib.util.spec_from_file_location("coverage_by_level", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["coverage_by_level"] = module
     spec.loader.exec_module(module)
