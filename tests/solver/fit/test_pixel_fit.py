@@ -266,8 +266,8 @@ def test_noise_is_that_of_the_pixels_whatever_the_light():
 
 
 def test_noise_in_a_reflection_is_that_of_the_settled_fit():
-    # The levels of a reflection take their last steps after the noise was measured: 3 to 6 dn instead of 2.3 in the study
-    # `gloss`, and misfits of 0.2.
+    # The levels of a reflection take their last steps after the noise was measured: 3 to 6 dn instead of 2.3 in the
+    # study `gloss`, and misfits of 0.2.
     ellipse = centred(40.0, 33.0)
     image = clean(ellipse)
     y, x = np.mgrid[: len(image), : len(image)] / len(image) - 0.5
