@@ -11,8 +11,6 @@ disc_blur: Edge response of a defocus disc minus that of a Gaussian blur, from a
 edge_response: Response of a square pixel to a blurred edge, one pixel at a time
 ellipse_distances: Distances of points to an ellipse with their derivatives, in one pass
 model_choice: Which further parameters and level functions the pixels of a contour show, to first order
-normal_distribution: Cumulative distribution and density of the normal distribution, from a table: ten times faster
-    than the C library
 order_statistics: Quantiles of some hundred values: a selection of our own compiles in a tenth of the time of
     NumPy's sort
 pixel_equations: The normal equations of a fit to the pixels of a contour, in one pass over them

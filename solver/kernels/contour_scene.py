@@ -165,3 +165,15 @@ def sector_sums(
         for j in range(5):
             shape[s, j] /= whole
     return offset, sigma, square, pixels, used, shape
+
+
+@compiled
+def plateau_squares(gram: Array, moment: Array, square: float, coefficients: Array) -> float:
+    """Sum of squared residuals of a plateau's pixels, from its sums over them."""
+    k = len(coefficients)
+    total = square
+    for i in range(k):
+        total -= 2.0 * coefficients[i] * moment[i]
+        for j in range(k):
+            total += coefficients[i] * gram[i, j] * coefficients[j]
+    return max(total, 0.0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.kernels.compiled import compiled
-from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
+from roundel.solver.kernels.edge_response import normal_cdf_and_density
 
 Array = NDArray[np.float64]
 

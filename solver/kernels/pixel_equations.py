@@ -26,8 +26,7 @@ from roundel.solver.kernels.contour_pixels import (
     Y,
 )
 from roundel.solver.kernels.disc_blur import STEPS, disc_minus_gauss, disc_scale, disc_table
-from roundel.solver.kernels.edge_response import curved_distance, step_response
-from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
+from roundel.solver.kernels.edge_response import curved_distance, normal_cdf_and_density, step_response
 from roundel.solver.kernels.sector_offsets import MIN_VARIANCE
 from roundel.solver.kernels.small_matrices import add_products
 

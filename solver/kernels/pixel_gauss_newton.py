@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from roundel.scenes.geometry.edge_spread_function import PIXEL_VARIANCE
 from roundel.solver.kernels.compiled import compiled
 from roundel.solver.kernels.contour_pixels import CURVATURE, X, Y
+from roundel.solver.kernels.contour_scene import plateau_squares
 from roundel.solver.kernels.pixel_equations import (
     CLIPPED,
     DISC,
@@ -47,18 +48,6 @@ _DISC_SIGMA, _DISC_LOWEST, _DISC_HIGHEST = 1.0, -1.0, 1.7
 # radius at the edge, not at the pixel, decides on which side of the edge a ray meets the print.
 _GRADIENT = 0.15
 _SMEAR = 2.0
-
-
-@compiled
-def plateau_squares(gram: Array, moment: Array, square: float, coefficients: Array) -> float:
-    """Sum of squared residuals of a plateau's pixels, from its sums over them."""
-    k = len(coefficients)
-    total = square
-    for i in range(k):
-        total -= 2.0 * coefficients[i] * moment[i]
-        for j in range(k):
-            total += coefficients[i] * gram[i, j] * coefficients[j]
-    return max(total, 0.0)
 
 
 @compiled

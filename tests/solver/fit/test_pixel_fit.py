@@ -249,10 +249,8 @@ def test_clipped_paper_keeps_the_ellipse_and_says_how_much_is_clipped():
     assert 0.3 < fit.clipped_fraction < 0.8
     error = shape_of_ellipse(fit.ellipse) - shape_of_ellipse(ellipse)
     assert error @ np.linalg.solve(fit.shape_cov, error) < 20.5
-    # Taken as levels, clipped pixels displace the edge by half a pixel.
-    plain = fit_pixels(image, edge_points(image, ellipse + GUESS, 1e6), None, 1e6)
-    biased = shape_of_ellipse(plain.ellipse) - shape_of_ellipse(ellipse)
-    assert np.abs(error).max() < 0.3 * np.abs(biased).max()
+    # Taken as levels, clipped pixels are no edge that any blur has: the noise beside it is none, and the fit gives up.
+    assert isinstance(fit_pixels(image, edge_points(image, ellipse + GUESS, 1e6), None, 1e6), FailedFit)
 
 
 def test_noise_is_that_of_the_pixels_whatever_the_light():

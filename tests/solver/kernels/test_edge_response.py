@@ -13,8 +13,7 @@ from roundel.scenes.geometry import edge_spread_function as reference
 from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.kernels.contour_pixels import curvatures, foot_point
 from roundel.solver.kernels.curve_likelihood import SRGB_KIND, encode
-from roundel.solver.kernels.edge_response import curved_distance, step_response
-from roundel.solver.kernels.normal_distribution import normal_cdf_and_density
+from roundel.solver.kernels.edge_response import curved_distance, normal_cdf_and_density, step_response
 from roundel.solver.kernels.small_matrices import add_products, inverse_of
 
 
