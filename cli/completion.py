@@ -84,6 +84,8 @@ def _suffixes(action: argparse.Action) -> tuple[str, ...]:
         return _IMAGES
     if action.metavar in ("DATASET", "REPORT", "FOLDER"):
         return _FOLDERS
+    if action.dest == "method":
+        return (".py",)
     return _ANY if action.metavar in ("FILE", "OUT", "CAMERA", "ESTIMATES") else ()
 
 

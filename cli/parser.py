@@ -36,6 +36,7 @@ _STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
 _DATASET = "dataset: its folder, or an address such as s3://bucket/name"
 _REPORT = "folder of a report, written by `roundel validate`"
 _OUT = "folder to write to"
+_METHOD_FILE = "a function of a file of yours, path/to/file.py:find"
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -93,6 +94,13 @@ def _add_rendering(add: AddVerb) -> None:
     run = add("run", "render, solve and validate a study: OUT/dataset, OUT/estimates, OUT/report")
     run.add_argument("study", metavar="STUDY", help=_STUDY)
     run.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
+    run.add_argument(
+        "--method",
+        action="append",
+        metavar="NAME",
+        help=f"instead of the study's methods: a name from `roundel solve --list-methods`, or {_METHOD_FILE}; "
+        "repeatable",
+    )
     for parser in (render, run):
         parser.add_argument(
             "--jobs",
@@ -193,7 +201,8 @@ def _add_solving(add: AddVerb) -> None:
         "--method",
         action="append",
         metavar="NAME",
-        help="pixels (default), ml, guaranteed, direct, edgedrawing, or a name from --list-methods; repeatable",
+        help=f"pixels (default), ml, guaranteed, direct, edgedrawing, a name from --list-methods, or {_METHOD_FILE}; "
+        "repeatable",
     )
     solve.add_argument(
         "--list-methods", action=ListMethods, nargs=0, help="print all methods, including those of installed packages"

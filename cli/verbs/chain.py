@@ -268,11 +268,14 @@ def do_validate(arguments: argparse.Namespace) -> int:
 def do_run(arguments: argparse.Namespace) -> int:
     """Render, solve, validate."""
     from roundel.cli.verbs.calibrate import calibrate_of_study
+    from roundel.solver.methods.registry import load_methods
     from roundel.solver.methods.solve import solve_dataset
     from roundel.validate.scores.terminal_table import terminal_table
     from roundel.validate.validate import validate_dataset
 
     study, out = _study(arguments.study), Path(arguments.out)
+    methods = arguments.method or study.solve.methods
+    load_methods(methods)  # a wrong name ends the command before anything is rendered
     _room_for(study, out)
     dataset = _rendered(study, out / "dataset", arguments, None)
     assert dataset is not None, "a run without --frames finishes its dataset"
@@ -291,7 +294,7 @@ def do_run(arguments: argparse.Namespace) -> int:
         solve_dataset(
             out / "dataset",
             out / "estimates",
-            methods=tuple(study.solve.methods),
+            methods=tuple(methods),
             intrinsics=tuple(labels),
             groups=study.solve.groups,
             knowledge=_knowledge(study.solve.knowledge),

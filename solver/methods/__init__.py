@@ -7,10 +7,12 @@ estimate_caveats: Caveats of an estimate: numbers and sentences about how well i
     image
 fit_poses: Both poses, with covariance, of the ellipses that were fitted in a frame, all at once
 locate: `locate`: the circles of one image, given as an array, with both poses of each
+method_file: A method in a Python file of the user: `path/to/file.py:function`, without a package or an entry point
 plugin: The plug-in interface for third-party methods: `View` in, `Found` out, and its checks (docs/your-own-
     method.md)
 pose_estimate: The `Estimate` of one fitted ellipse: both poses, covariance, and the choice between them
-registry: All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`
+registry: All methods by name: Roundel's own, files (see `method_file`), and plug-ins from the entry points
+    `roundel.methods`
 roundel_fits: Roundel's own methods: the ellipse of a detection, by one of five fits
 shutter_motion: The motion of detections during the readout of its camera, as the fits take it
 solve: Solve a dataset: every frame with every method and every intrinsics label, into one file

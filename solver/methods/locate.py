@@ -50,7 +50,7 @@ def locate(
     knowledge : str, Evidence, a sequence of them, or None
         Prior knowledge of the pose, see `choose`.
     method : str
-        See `roundel.solver.methods.registry.installed_methods`.
+        See `roundel.solver.methods.registry.installed_methods`; or a file, `path/to/file.py:function`.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def locate(
         None if wanted else lambda found: grey_levels(pixels, found),
         view=view,
     )
-    nothing = (NO_CIRCLE, f"{method}: {NOTHING}")
+    nothing = (NO_CIRCLE, *(f"{name}: {NOTHING}" for name in methods))
     return [e for e in solve_image(given, methods, knowledge).estimates if e.reason not in nothing]
 
 

@@ -1,4 +1,4 @@
-"""All methods by name: Roundel's own, and plug-ins from the entry points `roundel.methods`.
+"""All methods by name: Roundel's own, files (see `method_file`), and plug-ins from the entry points `roundel.methods`.
 
 A package adds a method by an entry point, which is imported when the method is first requested by name:
 
@@ -23,6 +23,7 @@ from roundel.solver.fit.ellipse import EllipseFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.catalogue import CATALOGUE, listed
 from roundel.solver.methods.fit_poses import poses_of_fits
+from roundel.solver.methods.method_file import MethodFile
 from roundel.solver.methods.plugin import Checked, Finder, MethodFailure, View, check_found
 from roundel.solver.methods.pose_estimate import estimate_of
 from roundel.solver.methods.roundel_fits import METHODS
@@ -73,16 +74,29 @@ def method_lines() -> list[str]:
 
 
 def load_methods(methods: Sequence[str]) -> dict[str, Finder | None]:
-    """The callable of each method, None for Roundel's own; without duplicates, in the given order.
+    """The callable of each method by its name, None for Roundel's own; without duplicates, in the given order.
 
     Raises
     ------
     UsageError
-        If no method is given, or one is unknown, ambiguous, or cannot be imported.
+        If no method is given, or one is unknown, ambiguous, or cannot be imported, or two have the same name.
     """
     if not methods:
         raise UsageError(f"no method given; use {', '.join(_names())}")
-    return {name: finder_of(name) for name in methods}
+    given: dict[str, str] = {}
+    for text in absolute_names(methods):
+        file = MethodFile.of(text)
+        name = file.name if file else text
+        other = given.setdefault(name, text)
+        if other != text or (file and any(m.name == name for m in installed_methods())):
+            what = f"{other} is, too" if other != text else "that is an installed method"
+            raise UsageError(f"method {text}: would be called {name!r}, and {what}; rename the function or the file")
+    return {name: finder_of(text) for name, text in given.items()}
+
+
+def absolute_names(methods: Sequence[str]) -> list[str]:
+    """Methods as other processes understand them, whatever their folder: files have whole paths."""
+    return [str(MethodFile.of(text) or text) for text in methods]
 
 
 def finder_of(name: str) -> Finder | None:
@@ -95,6 +109,9 @@ def finder_of(name: str) -> Finder | None:
     """
     if name in METHODS:
         return None
+    file = MethodFile.of(name)
+    if file:
+        return file.load()
     # A package cannot override a name of Roundel.
     offered = [m for m in installed_methods() if m.name == name and (listed(name) is None or m.source == "roundel")]
     if not offered:

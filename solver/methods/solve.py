@@ -31,8 +31,9 @@ from roundel.solver.estimates import NOT_FOUND, Estimate, estimates_table
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.companions import companions_of, equivalent_diameter_m, printed_markers
+from roundel.solver.methods.method_file import MethodFile
 from roundel.solver.methods.plugin import Finder, View
-from roundel.solver.methods.registry import NOTHING, load_methods
+from roundel.solver.methods.registry import NOTHING, absolute_names, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import SolverInput, solve_image
 from roundel.solver.methods.solved_parts import (
@@ -90,7 +91,7 @@ def solve_dataset(
         `out_path` is a folder: `estimates.parquet` and `timings.jsonl` are written there, atomically. If the run is
         killed, the same call continues where it stopped.
     methods : sequence of str
-        See `roundel.solver.methods.registry.installed_methods`.
+        See `roundel.solver.methods.registry.installed_methods`; or files, `path/to/file.py:function`.
     intrinsics : sequence of str
         See `parse_intrinsics`.
     groups : sequence of str, optional
@@ -127,7 +128,7 @@ def solve_dataset(
     check_knowledge(knowledge)
     images = open_images(dataset_path)
     only_circles = any(finder is None for finder in loaded.values())
-    run = _Run(images, loaded, knowledge)
+    run = _Run(images, loaded, tuple(absolute_names(methods)), knowledge)
     plan = _Plan(run, _specs(intrinsics), groups, frames, only_circles, Path(out_path))
     clear_leftovers(plan.out)
     clear_leftovers(plan.out / PARTS)
@@ -155,6 +156,7 @@ class _Run:
 
     images: Images
     methods: dict[str, Finder | None]
+    asked: tuple[str, ...]  # the methods as arguments: names, or files
     knowledge: Knowledge
 
 
@@ -234,9 +236,11 @@ def _blocks(todo: list[_Frame]) -> list[list[_Frame]]:
 def _shared_by_parts(run: _Run) -> bytes:
     """What all parts depend on beside their frames: another argument or version of Roundel gives them other names."""
     try:
-        if not all(f is None or f.__module__.startswith("roundel.") for f in run.methods.values()):
-            raise ValueError("nothing tells whether a third-party method has changed")
-        return pickle.dumps((list(run.methods), run.knowledge, source_stamp()))
+        files = [file for file in map(MethodFile.of, run.asked) if file]
+        named = [finder for name, finder in run.methods.items() if name not in {file.name for file in files}]
+        if not all(f is None or f.__module__.startswith("roundel.") for f in named):
+            raise ValueError("nothing tells whether a method of a package has changed")
+        return pickle.dumps((run.asked, [file.stamp() for file in files], run.knowledge, source_stamp()))
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError):
         return secrets.token_bytes()  # nothing to continue from
 
@@ -258,7 +262,7 @@ def _solved(
         return
     shared = pickled((run.images.contents.folder.address(), run.knowledge))
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
-    arguments = shared, list(run.methods)
+    arguments = shared, run.asked
     with pool_of(min(jobs, len(first)), scheduler, _work, _start_worker, arguments, died) as pool:
         for done in pool.in_order(after_warm_up(work)):
             if isinstance(done, Lost):
@@ -292,10 +296,10 @@ def _one_by_one(
 _worker: list[_Run] = []
 
 
-def _start_worker(shared: bytes, methods: list[str]) -> None:
+def _start_worker(shared: bytes, methods: tuple[str, ...]) -> None:
     one_opencv_thread()
     path, knowledge = pickle.loads(shared)
-    _worker[:] = [_Run(open_images(path), load_methods(methods), knowledge)]
+    _worker[:] = [_Run(open_images(path), load_methods(methods), methods, knowledge)]
 
 
 def _work(work: tuple[list[_Frame], Path]) -> int:

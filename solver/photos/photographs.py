@@ -20,7 +20,7 @@ from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estim
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import Finder, View
-from roundel.solver.methods.registry import load_methods
+from roundel.solver.methods.registry import absolute_names, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
 from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_image
 from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
@@ -97,7 +97,7 @@ def solve_photographs(
             raise UsageError(f"--intrinsics {spec.label}: a photograph's camera is not known; use exif or default")
     out = Path(out_path)
     photographs = [(i, Path(p), name) for i, (p, name) in enumerate(zip(paths, _overlay_names(paths), strict=True))]
-    run = _Run(out, diameter_m, loaded, specs, knowledge, asked)
+    run = _Run(out, diameter_m, loaded, tuple(absolute_names(methods)), specs, knowledge, asked)
     results: list[PhotoResult] = []
     with closing(_solved(run, photographs, jobs)) as solved:
         for result in solved:
@@ -131,6 +131,7 @@ class _Run:
     out: Path
     diameter_m: float
     methods: Mapping[str, Finder | None]
+    asked: tuple[str, ...]  # the methods as arguments: names, or files
     specs: list[Intrinsics] | None
     knowledge: Knowledge
     curve: ResponseCurve | None
@@ -147,7 +148,7 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
         return
     shared = pickled((run.out, run.diameter_m, run.specs, run.knowledge, run.curve))
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
-    for result in in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, list(run.methods)), died):
+    for result in in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, run.asked), died):
         if isinstance(result, Lost):
             raise DataError(f"{result.item[1]}: {result}; run the command again without it")
         yield result
@@ -156,10 +157,10 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
 _worker: list[_Run] = []
 
 
-def _start_worker(shared: bytes, methods: list[str]) -> None:
+def _start_worker(shared: bytes, methods: tuple[str, ...]) -> None:
     one_opencv_thread()
     out, diameter_m, specs, knowledge, curve = pickle.loads(shared)
-    _worker.append(_Run(out, diameter_m, load_methods(methods), specs, knowledge, curve))
+    _worker.append(_Run(out, diameter_m, load_methods(methods), methods, specs, knowledge, curve))
 
 
 def _work(photograph: _Photograph) -> PhotoResult:
