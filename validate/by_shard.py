@@ -96,6 +96,8 @@ class ShardScoring:
         See `reference_of`.
     label : str
         Label of the reference's intrinsics.
+    tolerated : frozenset of path
+        Files in another convention, see `read_runs`.
     """
 
     files: list[Path]
@@ -103,6 +105,7 @@ class ShardScoring:
     views: list[BoardView]
     camera: Camera | None
     label: str
+    tolerated: frozenset[Path] = frozenset()
 
 
 @dataclass
@@ -120,7 +123,7 @@ class _Part:
 
 def _score_part(dataset: Dataset, how: ShardScoring, touched: frozenset[str] | None, number: int) -> _Part:
     part = dataset.of_part(number)
-    runs = read_runs(how.files, part, whole=dataset)
+    runs = read_runs(how.files, part, whole=dataset, tolerated=how.tolerated)
     targets = true_targets(part, how.extent_D)
     reference = _reference(part, how.views, targets, how.camera, how.label)
     found = score(part, targets, runs, reference.circles if reference else None, touched)
@@ -167,7 +170,7 @@ def score_by_shard(
     """
     # Of a single shard the runs themselves tell.
     several = len(dataset.contents.parts) > 1
-    touched = touched_groups(how.files, dataset) if several else None
+    touched = touched_groups(how.files, dataset, how.tolerated) if several else None
     boards: list[pa.Table] = []
     off_axis: list[pa.Table] = []
     false: dict[tuple[str, str], FalseDetections] = {}
@@ -191,7 +194,7 @@ def score_by_shard(
                 progress(done, len(dataset))
     if not scored:
         raise NotComparableError("nothing to score: the frames that were solved show no disc and no ring")
-    matched = _matched(dataset, how.files, how.extent_D, touched)
+    matched = _matched(dataset, how, touched)
     out.scores = Scores(rows.finish(), list(false.values()), matched)
     out.board_rows = pa.concat_tables(boards) if boards else None
     out.off_axis = pa.concat_tables(off_axis) if off_axis else None
@@ -214,8 +217,10 @@ def _parts(
             yield _score_part(dataset, how, touched, number)
         return
     died = "the scoring processes died as they started; free some memory, or use fewer --jobs"
-    files = [path.resolve() for path in how.files]  # for workers in other folders
-    arguments = dataset.contents.folder.address(), dataset.contents.images_sha256, replace(how, files=files), touched
+    # For workers in other folders.
+    files, tolerated = [path.resolve() for path in how.files], frozenset(path.resolve() for path in how.tolerated)
+    sent = replace(how, files=files, tolerated=tolerated)
+    arguments = dataset.contents.folder.address(), dataset.contents.images_sha256, sent, touched
     with pool_of(min(jobs, len(numbers)), scheduler, _work, _start_worker, arguments, died) as pool:
         for number, part in zip(numbers, pool.in_order(numbers), strict=True):
             if isinstance(part, Lost):
@@ -248,9 +253,7 @@ def _reference(
     return reference_of(part, own, targets, camera, label) if own else None
 
 
-def _matched(
-    dataset: Dataset, files: list[Path], extent_D: float, touched: frozenset[str] | None
-) -> Callable[[int], Matched]:
+def _matched(dataset: Dataset, how: ShardScoring, touched: frozenset[str] | None) -> Callable[[int], Matched]:
     """The matched ellipses of the shard of a frame, computed again when they are asked for."""
     starts = {}
     for number, part in enumerate(dataset.contents.parts):
@@ -260,6 +263,7 @@ def _matched(
     @lru_cache(maxsize=1)
     def of_part(number: int) -> Matched:
         part = dataset.of_part(number)
-        return match_runs(part, true_targets(part, extent_D), read_runs(files, part, whole=dataset), touched)
+        runs = read_runs(how.files, part, whole=dataset, tolerated=how.tolerated)
+        return match_runs(part, true_targets(part, how.extent_D), runs, touched)
 
     return lambda frame_id: of_part(starts[max(start for start in ordered if start <= frame_id)])

@@ -35,6 +35,7 @@ from roundel.validate.claims.calibration_benefit import CalibrationBenefit, cali
 from roundel.validate.claims.calibration_benefit_text import benefit_record
 from roundel.validate.claims.robustness import sweep_summary, sweeps_of
 from roundel.validate.claims.verdicts import Verdict, verdict_record, verdicts_of
+from roundel.validate.diagnosis.diagnosis import Diagnosis, diagnose
 from roundel.validate.estimates.reader import find_estimates
 from roundel.validate.figures.calibration import calibration_pictures
 from roundel.validate.figures.calibration_benefit import benefit_pictures
@@ -107,6 +108,10 @@ def validate_dataset(
         If the dataset or an estimate is corrupt.
     NotComparableError
         If the estimates are of other frames, or there is nothing to score.
+
+    Notes
+    -----
+    Estimates that are right but for a convention are scored as they are; `diagnoses` names it (see `diagnose`).
     """
     out = Path(out_path)
     _check_arguments(out, extent_D)
@@ -127,12 +132,14 @@ def validate_dataset(
         "reference_intrinsics": camera if views else None,
         "solve": dataset.study.get("solve"),
     }
-    how = ShardScoring(files, extent_D, views, reference_camera, camera)
+    diagnosed = {file: found for file in files if (found := diagnose(file, dataset))}
+    how = ShardScoring(files, extent_D, views, reference_camera, camera, frozenset(diagnosed))
     with ScoresOnDisk() as rows:
         found = score_by_shard(dataset, how, rows, progress, jobs, scheduler)
         false = false_positives_parquet(found.scores.false_detections)
         checksums = _checksums(dataset, files, {SCORES: rows.sha256, FALSE_POSITIVES: sha256(false)})
-        return _write_report(dataset, found, views, settings, checksums, rows.parquet, false, out)
+        diagnoses = [one for its in diagnosed.values() for one in its]
+        return _write_report(dataset, found, views, settings, checksums, diagnoses, rows.parquet, false, out)
 
 
 def _write_report(
@@ -141,6 +148,7 @@ def _write_report(
     views: list[BoardView],
     settings: dict[str, Any],
     checksums: dict[str, str],
+    diagnoses: list[Diagnosis],
     parquet: Path,
     false: bytes,
     out: Path,
@@ -160,6 +168,7 @@ def _write_report(
         verdicts=[verdict_record(verdict) for verdict in verdicts],
         checksums=checksums,
         caveats=found.caveats,
+        diagnoses=[diagnosis.record() for diagnosis in diagnoses],
     )
     pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
     more = [*_compared(scores, summary), *(t for t in [worst_stated_table(scores.table)] if t.rows)]

@@ -223,6 +223,14 @@ def do_solve(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _warn_of_conventions(summary: Any) -> None:
+    """One line on stderr, before the scores, for each convention that the estimates seem to have by mistake."""
+    from roundel.scenes.display_text import clean
+
+    for diagnosis in summary.diagnoses:
+        _warn(clean(diagnosis["sentence"]))
+
+
 def _warn(line: str) -> None:
     print(f"roundel: warning: {line}", file=sys.stderr)
 
@@ -258,6 +266,7 @@ def do_validate(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,
         )
+    _warn_of_conventions(summary)
     print(terminal_table(summary))
     if "reference" in summary.dataset:
         print(summary.dataset["reference"]["sentence"])
@@ -312,6 +321,7 @@ def do_run(arguments: argparse.Namespace) -> int:
             camera_path=camera,
             progress=show,
         )
+    _warn_of_conventions(summary)
     print(terminal_table(summary))
     print(f"report: {out / 'report' / 'report.html'}")
     return 0

@@ -7,6 +7,7 @@ import importlib.util
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from roundel.scenes.errors import UsageError, did_you_mean, first_line
 from roundel.solver.methods.plugin import Finder
@@ -77,7 +78,7 @@ class MethodFile:
         return (self.path.read_bytes(), *((f.name, f.stat().st_mtime_ns, f.stat().st_size) for f in beside))
 
 
-def _module(path: Path, source: bytes) -> object:
+def _module(path: Path, source: bytes) -> ModuleType:
     """The imported file; a file that has not changed is executed once."""
     digest = hashlib.sha256(str(path).encode() + b"\0" + source).hexdigest()[:16]
     name = f"roundel_method_{digest}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 from functools import lru_cache
 from pathlib import Path
 
@@ -24,10 +25,20 @@ from roundel.datasets.store.store import MissingFile
 from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
 from roundel.solver.estimates import CHECKSUM, ESTIMATES, METADATA, estimates_schema
 from roundel.validate.estimates.bop_results import is_bop_results, read_bop_results
-from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL, check_columns
+from roundel.validate.estimates.schema import (
+    CENTRE,
+    CENTRE_IMAGE,
+    DATASET,
+    ELLIPSE,
+    INTRINSICS,
+    KEY,
+    NORMAL,
+    check_columns,
+)
 
 _MAGIC = b"PAR1"
 _SCHEMA = estimates_schema()
+_LEAST_DIGITS = 12  # of a dataset_id, as the commands print it
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -77,7 +88,7 @@ def read_estimates(path: str | Path, frames: range | None = None) -> pa.Table:
         If it is a damaged Parquet file.
     """
     file = find_estimates(path)
-    table = _rows_of(file, frames)
+    table = _with_dataset(file, _rows_of(file, frames))
     check_columns(file, table.column_names)
     columns = []
     for field in _SCHEMA:
@@ -212,8 +223,26 @@ def _check_checksum(file: Path, version: tuple[int, int, int]) -> None:
         )
 
 
+def _with_dataset(file: Path, table: pa.Table) -> pa.Table:
+    """The table with the dataset that its column `dataset_id` names in its metadata, where `roundel solve` has it."""
+    if DATASET not in table.column_names:
+        return table
+    named = [value for value in pc.unique(table[DATASET]).to_pylist() if value is not None]
+    for value in named:
+        if not re.fullmatch(f"[0-9a-f]{{{_LEAST_DIGITS},64}}", str(value)):
+            raise UsageError(
+                f"{file}: dataset_id is {value!r}; give that of manifest.json, or {_LEAST_DIGITS} of its digits"
+            )
+    if len(named) > 1:
+        raise UsageError(
+            f"{file}: rows of {len(named)} datasets ({named[0][:12]}, {named[1][:12]}); give a file of one"
+        )
+    about = {METADATA: json.dumps({"dataset_id": named[0]})} if named else {}
+    return table.drop_columns([DATASET]).replace_schema_metadata({**(table.schema.metadata or {}), **about})
+
+
 def dataset_of(table: pa.Table) -> str | None:
-    """The dataset_id in the metadata of a file of estimates; None if there is none."""
+    """The dataset_id of a file of estimates, or its first digits; None if the file does not say it."""
     try:
         return str(json.loads((table.schema.metadata or {})[METADATA])["dataset_id"])
     except (KeyError, TypeError, ValueError):
@@ -234,6 +263,8 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
         text = data.decode("utf-8-sig").lstrip("\r\n")
     except UnicodeDecodeError as error:
         raise UsageError(f"{file}: not UTF-8 at byte {error.start}; save it as UTF-8") from error
+    # What a comment above the header names is that of all rows.
+    made_of, text = _comment(text)
     names = _header(file, text)
     if is_bop_results(names):
         return read_bop_results(file, text)
@@ -243,7 +274,7 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
             pa.BufferReader(text.encode()),
             read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1),
             convert_options=pa_csv.ConvertOptions(
-                column_types={**types, "distortion": pa.string()},
+                column_types={**types, "distortion": pa.string(), DATASET: pa.string()},
                 # NaN is kept and rejected later: missing values must be empty.
                 null_values=[""],
                 strings_can_be_null=True,
@@ -252,6 +283,8 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
         )
     except (OSError, ValueError, pa.ArrowException) as error:
         raise UsageError(f"{file}: not a CSV file of estimates: {first_line(error)}") from error
+    if made_of is not None and DATASET not in table.column_names:
+        table = table.append_column(DATASET, pa.array([made_of] * table.num_rows, pa.string()))
     if "distortion" in table.column_names:
         try:
             lists = [[float(number) for number in (text or "").split()] for text in table["distortion"].to_pylist()]
@@ -260,6 +293,16 @@ def _read_csv(file: Path, data: bytes) -> pa.Table:
         at = table.column_names.index("distortion")
         table = table.set_column(at, "distortion", pa.array(lists, pa.list_(pa.float64())))
     return table
+
+
+def _comment(text: str) -> tuple[str | None, str]:
+    """The dataset_id in comments above the header, such as `# dataset_id: 0123456789ab`, and the text without them."""
+    made_of = None
+    while text.startswith("#"):
+        line, _, text = text.partition("\n")
+        found = re.match(r"#\s*dataset_id\s*[:=]?\s*(\S+)", line)
+        made_of = found[1] if found else made_of
+    return made_of, text
 
 
 def _header(file: Path, text: str) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.scenes.camera.model import lens_problem
@@ -94,8 +95,7 @@ def check_rows(table: pa.Table, path: Path) -> None:
             ),
             (ok & ~there["intrinsics"], "its status is ok, but its intrinsics are missing"),
             (ok & posed & ~(np.abs(np.linalg.norm(normal, axis=-1) - 1) < 1e-6), "its normal is not of unit length"),
-            (ok & posed & ~(centre[:, 2] > 0), "its centre is behind the camera"),
-            (ok & posed & ~(np.sum(normal * centre, axis=-1) < 0), "its normal points away from the camera"),
+            *((ok & posed & bad, what) for bad, what in unseen_poses(normal, centre)),
             (
                 ok & outlined & ~((ellipse[:, 2] >= ellipse[:, 3]) & (ellipse[:, 3] > 0)),
                 "its ellipse needs semi-axes a >= b > 0",
@@ -120,6 +120,34 @@ def check_rows(table: pa.Table, path: Path) -> None:
     for bad, what in problems:
         if np.any(bad):
             raise UsageError(f"{path}: {place_of(table, int(np.flatnonzero(bad)[0]))}: {what}")
+
+
+def unseen_poses(normal: Array, centre_m: Array) -> list[tuple[NDArray[np.bool_], str]]:
+    """Which poses (n, 3) no camera can see, for each reason: most often their axes are other ones."""
+    return [
+        (~(centre_m[:, 2] > 0), "its centre is behind the camera"),
+        (~(np.sum(normal * centre_m, axis=-1) < 0), "its normal points away from the camera"),
+    ]
+
+
+def with_unseen_failed(table: pa.Table) -> pa.Table:
+    """The table with poses that no camera can see as failed rows, which say so."""
+    normal, centre = floats(table, NORMAL), floats(table, CENTRE)
+    posed = is_ok(table) & np.isfinite(normal).all(axis=-1) & np.isfinite(centre).all(axis=-1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        unseen = unseen_poses(normal, centre)
+    for bad, what in reversed(unseen):
+        table = with_rows_failed(table, posed & bad, what)
+    return table
+
+
+def with_rows_failed(table: pa.Table, rows: NDArray[np.bool_], reason: str) -> pa.Table:
+    """The table with some rows failed, for a reason."""
+    for name, value in (("status", "failed"), ("reason", reason), ("chosen", False)):
+        at = table.column_names.index(name)
+        column = pc.if_else(pa.array(rows), pa.scalar(value, table.schema.field(at).type), table[name])
+        table = table.set_column(at, name, column)
+    return table
 
 
 def _stated(table: pa.Table, name: str) -> Array:

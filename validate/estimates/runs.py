@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
@@ -16,7 +18,15 @@ from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
 from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates
-from roundel.validate.estimates.row_checks import check_rows, covariances, floats, is_ok, lenses_of, place_of
+from roundel.validate.estimates.row_checks import (
+    check_rows,
+    covariances,
+    floats,
+    is_ok,
+    lenses_of,
+    place_of,
+    with_unseen_failed,
+)
 from roundel.validate.estimates.schema import CENTRE, CENTRE_IMAGE, ELLIPSE, INTRINSICS, KEY, NORMAL
 
 Array = NDArray[np.float64]
@@ -63,7 +73,9 @@ class Run:
     confidence: Array = field(default_factory=lambda: np.empty(0))
 
 
-def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None) -> list[Run]:
+def read_runs(
+    paths: list[Path], dataset: Dataset, whole: Dataset | None = None, tolerated: Collection[Path] = ()
+) -> list[Run]:
     """Estimates of all files, checked against the dataset, as one `Run` per method and intrinsics, sorted.
 
     Parameters
@@ -72,6 +84,9 @@ def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None)
     dataset : Dataset
     whole : Dataset, optional
         The dataset of which `dataset` is a shard: only the rows of its frames are read.
+    tolerated : collection of path
+        Files in another convention (see `roundel.validate.diagnosis`): rows of unknown frames are left out, and poses
+        that cannot be fail, with the reason.
 
     Raises
     ------
@@ -87,7 +102,7 @@ def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None)
     parted = whole is not None and len(whole.contents.parts) > 1
     ids = dataset.images.frame_ids
     wanted = range(ids[0], ids[-1] + 1) if parted and ids else None
-    tables = [_read(path, dataset, wanted) for path in paths]
+    tables = [_read(path, dataset, wanted, path in tolerated) for path in paths]
     _check_apart(tables, paths)
     table = pa.concat_tables([t.replace_schema_metadata(None) for t in tables])
     if table.num_rows == 0:
@@ -96,20 +111,37 @@ def read_runs(paths: list[Path], dataset: Dataset, whole: Dataset | None = None)
         raise NotComparableError(f"{', '.join(map(str, paths))}: no rows, so there is nothing to score")
     table = _sorted(table)
     _check_keys(table, " and ".join(map(str, paths)))
+    return _split(table, dataset, bool(tolerated))
+
+
+def runs_of(table: pa.Table, dataset: Dataset, path: Path) -> list[Run]:
+    """The runs of a table from `read_estimates`, tolerant as `read_runs` can be.
+
+    Raises
+    ------
+    UsageError
+        If rows are invalid for other reasons than a convention.
+    """
+    checked = _checked(table, dataset, path, tolerant=True)
+    return _split(checked, dataset, tolerant=True) if checked.num_rows else []
+
+
+def _split(table: pa.Table, dataset: Dataset, tolerant: bool) -> list[Run]:
+    """The runs of a sorted table."""
     frame_size = {int(r["frame_id"]): (int(r["width_px"]), int(r["height_px"])) for r in dataset.images.records}
     labels = [np.array(table[name].to_pylist(), dtype=object) for name in ("method", "intrinsics")]
     change = np.flatnonzero(np.any([label[1:] != label[:-1] for label in labels], axis=0)) + 1
     bounds = pairwise([0, *change.tolist(), table.num_rows])
-    return [_run(table.slice(a, b - a), dataset, frame_size) for a, b in bounds]
+    return [_run(table.slice(a, b - a), dataset, frame_size, tolerant) for a, b in bounds]
 
 
-def touched_groups(paths: list[Path], dataset: Dataset) -> frozenset[str]:
+def touched_groups(paths: list[Path], dataset: Dataset, tolerated: Collection[Path] = ()) -> frozenset[str]:
     """Groups of which the files have frames.
 
     Raises
     ------
     NotComparableError
-        If they have frames that the dataset does not have, or no rows at all.
+        If they have frames that the dataset does not have, unless this is tolerated, or no rows at all.
     """
     images = dataset.images
     ids, groups = np.array(images.frame_ids), np.array(images.groups, dtype=object)
@@ -119,7 +151,7 @@ def touched_groups(paths: list[Path], dataset: Dataset) -> frozenset[str]:
         found = frame_ids_of(path)
         rows += len(found)
         unknown = np.setdiff1d(found, ids)
-        if len(unknown):
+        if len(unknown) and path not in tolerated:
             more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
             raise NotComparableError(
                 f"{path}: the estimates have frame {unknown[0]}{more}, which {dataset.address} does not have; "
@@ -131,11 +163,11 @@ def touched_groups(paths: list[Path], dataset: Dataset) -> frozenset[str]:
     return frozenset(touched)
 
 
-def _read(path: Path, dataset: Dataset, frames: range | None) -> pa.Table:
+def _read(path: Path, dataset: Dataset, frames: range | None, tolerant: bool) -> pa.Table:
     """One file, or its rows of some frames, checked for consistency and against the dataset."""
     table = read_estimates(path, frames)
     made_of, here = dataset_of(table), str(dataset.manifest["dataset_id"])
-    if made_of is not None and made_of != here:
+    if made_of is not None and not here.startswith(made_of):
         raise NotComparableError(
             f"{path}: the estimates are of dataset {made_of[:12]}, but {dataset.address} is {here[:12]}; "
             "give the dataset that they were made from"
@@ -146,14 +178,23 @@ def _read(path: Path, dataset: Dataset, frames: range | None) -> pa.Table:
             f"{path}: the estimates were made from other images of {dataset.address} ({images[:12]}, now "
             f"{dataset.images.images_sha256[:12]}); solve it again"
         )
+    return _checked(table, dataset, path, tolerant)
+
+
+def _checked(table: pa.Table, dataset: Dataset, path: Path, tolerant: bool) -> pa.Table:
+    """The rows sorted, with cameras, and checked for consistency and against the dataset's frames."""
     for name in (*KEY, "chosen", "status"):
         if table[name].null_count:
             row = int(np.flatnonzero(table[name].is_null().to_numpy())[0])
             raise UsageError(f"{path}: column {name} has empty values, the first in row {row + 1}; every row needs one")
+    if tolerant:
+        table = table.filter(pc.is_in(table["frame_id"], value_set=pa.array(dataset.images.frame_ids, pa.int64())))
     _check_frames(table, dataset, path)
     table = _sorted(table)
     _check_keys(table, str(path))
     table = _with_cameras(table, dataset, path)
+    if tolerant:
+        table = with_unseen_failed(table)
     check_rows(table, path)
     return table
 
@@ -184,7 +225,7 @@ def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
     return table
 
 
-def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]]) -> Run:
+def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]], tolerant: bool) -> Run:
     frame_id = table["frame_id"].to_numpy()
     values = floats(table, INTRINSICS)
     known: dict[tuple[Any, ...], int] = {}
@@ -204,6 +245,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
     normal, centre, ellipse = floats(table, NORMAL), floats(table, CENTRE), floats(table, ELLIPSE)
     posed = ok & np.isfinite(normal).all(axis=-1)
     centre_px = floats(table, CENTRE_IMAGE)
+    reason = [why or "" for why in table["reason"].to_pylist()]
     bare = posed & np.isnan(ellipse[:, 0])
     for number, camera in enumerate(cameras):
         mine = np.flatnonzero(posed & (index == number))
@@ -212,12 +254,12 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         radius = radii_m(dataset, frame_id[mine], centre_px[mine])
         ellipse[mine] = ellipses_of_poses(normal[mine], centre[mine], radius, camera)
         small = np.flatnonzero(ellipse[mine, 2] < _LEAST_SEMI_AXIS_PX)
-        if len(small):
-            row = int(mine[small[0]])
-            raise UsageError(
-                f"estimates: {place_of(table, row)}: its circle would be {2 * ellipse[row, 2]:.2g} px wide; "
-                "is its centre in metres?"
-            )
+        for row in mine[small].tolist():
+            what = f"its circle would be {2 * ellipse[row, 2]:.2g} px wide; is its centre in metres?"
+            if not tolerant:
+                raise UsageError(f"estimates: {place_of(table, row)}: {what}")
+            ok[row] = posed[row] = False
+            ellipse[row], reason[row] = np.nan, what
     filled = {
         "intrinsics: each frame's true camera": _TRUE_CAMERA in table["intrinsics_basis"].to_pylist(),
         "ellipse: from the pose": bool(bare.any()),
@@ -229,7 +271,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         frame_id,
         table["detection_id"].to_numpy(),
         table["candidate"].to_numpy(),
-        table["chosen"].to_numpy(zero_copy_only=False),
+        table["chosen"].to_numpy(zero_copy_only=False) & ok,
         ok,
         posed,
         normal,
@@ -238,7 +280,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         centre_px,
         index,
         cameras,
-        [reason or "" for reason in table["reason"].to_pylist()],
+        reason,
         tuple(what for what, is_so in filled.items() if is_so),
         tuple(_sentences(text or "") for text in table["caveats"].to_pylist()),
         identity,

@@ -10,6 +10,7 @@ from typing import Any
 from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.solver.estimates import estimates_schema
 
+DATASET = "dataset_id"
 KEY = ("frame_id", "detection_id", "method", "intrinsics", "candidate")
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CENTRE = ("centre_x_m", "centre_y_m", "centre_z_m")
@@ -121,6 +122,14 @@ COLUMNS: tuple[Given, ...] = (
     ),
     Given(("status",), "`ok` or `failed`", "", "", "`failed` where pose, ellipse and centre are empty, else `ok`"),
     Given(("reason",), "text", "", "why it failed", "empty"),
+    Given(
+        (DATASET,),
+        "text",
+        "",
+        "the dataset_id of manifest.json, or its first 12 digits or more, the same in all rows; estimates of another "
+        "dataset are refused; in CSV also a comment above the header, `# dataset_id: 0123456789ab`",
+        "only the frames are checked",
+    ),
 )
 REQUIRED = ("frame_id",)
 
@@ -136,7 +145,7 @@ def check_columns(file: Path, names: Sequence[str]) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UsageError(f"{file}: column {twice[0]!r} appears twice; keep one of them")
-    known = estimates_schema().names
+    known = [*estimates_schema().names, DATASET]
     absent = [name for name in known if name not in names]
     for name in names:
         hint = "" if name in known else did_you_mean(name.lower(), absent, cutoff=0.85)

@@ -82,6 +82,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
         data=data,
         groups=_groups(data["groups"]),
         sections=[(name, text) for there, name, text in sections if there],
+        diagnoses=[diagnosis["sentence"] for diagnosis in summary.diagnoses],
         sentences=sentences(summary),
         cards=_cards(summary),
         lead=figures(pictures.lead),

@@ -66,8 +66,8 @@ def match(targets: Targets, run: Run) -> Match:
     target_frames = _positions(targets.frame_id)
     with_pose = {f: [r for r in firsts if run.ok[r]] for f, firsts in by_frame.items()}
     pairs = [(t, d) for f, ts in target_frames.items() for t in ts for d in with_pose.get(f, [])]
-    cost = _contour_errors(targets, run, pairs)
-    gate = np.maximum(GATE_PX, GATE_FRACTION * _semi_minor_px(targets))
+    cost = contour_errors(targets, run, pairs)
+    gate = gates_px(targets)
     position = 0
     for frame, ts in target_frames.items():
         ds = with_pose.get(frame, [])
@@ -96,6 +96,11 @@ def match(targets: Targets, run: Run) -> Match:
     used = {int(r) for pair in rows for r in pair if r >= 0}
     false = [d for ds in with_pose.values() for d in ds if d not in used]
     return Match(rows, reason, error, sum(map(len, with_pose.values())), false)
+
+
+def gates_px(targets: Targets) -> Array:
+    """The largest distance (N,) of a matching contour from each target."""
+    return np.asarray(np.maximum(GATE_PX, GATE_FRACTION * _semi_minor_px(targets)))
 
 
 def _semi_minor_px(targets: Targets) -> Array:
@@ -139,7 +144,7 @@ def _why_nothing(run: Run, firsts: list[int] | None) -> str:
     return next((run.reason[r] for r in firsts if run.reason[r]), "no pose, and no reason given")
 
 
-def _contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) -> Array:
+def contour_errors(targets: Targets, run: Run, pairs: list[tuple[int, int]]) -> Array:
     """Contour error of each (target, row) pair, grouped by camera; infinite if there is none.
 
     For a row without an ellipse, the distance between its centre's image and the true one.

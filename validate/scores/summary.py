@@ -67,6 +67,8 @@ class Summary:
         OpenCV's calibration from all views, from the numbers of views in the study, and from random subsets.
     caveats : list of dict
         Number of detections of each method and intrinsics with each kind of caveat.
+    diagnoses : list of dict
+        Conventions that files of estimates seem to have by mistake, see `roundel.validate.diagnosis`.
     filled_in : dict
         Defaults that were used for a run's file.
     worth, sweeps, verdicts
@@ -95,6 +97,7 @@ class Summary:
     verdicts: list[dict[str, Any]] = field(default_factory=list)
     checksums: dict[str, str] = field(default_factory=dict)
     caveats: list[dict[str, Any]] = field(default_factory=list)
+    diagnoses: list[dict[str, Any]] = field(default_factory=list)
 
 
 def summary_record(summary: Summary) -> dict[str, Any]:
