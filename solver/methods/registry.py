@@ -178,13 +178,16 @@ def run_plugin(
         except ValueError as error:
             out.append(failed(n, f"detection {n}: {_said(error, typed=False)}"))
             continue
-        out.append(_estimate(checked, uncertain, view.diameter_m, knowledge, EstimateKey(frame_id, n, name, label)))
+        out.append(
+            plugin_estimate(checked, uncertain, view.diameter_m, knowledge, EstimateKey(frame_id, n, name, label))
+        )
     return out
 
 
-def _estimate(
+def plugin_estimate(
     found: Checked, uncertain: UncertainCamera, diameter_m: float, knowledge: Knowledge, key: EstimateKey
 ) -> Estimate:
+    """The record of a detection; of an ellipse without a pose it has both poses."""
     also: dict[str, Any] = {
         "confidence": found.confidence,
         "centre_image": found.centre_px,

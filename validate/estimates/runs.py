@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.validate.estimates.both_poses import FROM_ELLIPSE, with_both_poses
 from roundel.validate.estimates.defaults import centres_px, ellipses_of_poses, radii_m, true_intrinsics
 from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates
 from roundel.validate.estimates.row_checks import (
@@ -115,7 +116,7 @@ def read_runs(
 
 
 def runs_of(table: pa.Table, dataset: Dataset, path: Path) -> list[Run]:
-    """The runs of a table from `read_estimates`, tolerant as `read_runs` can be.
+    """The runs of a table from `read_estimates`, tolerant as `read_runs` can be; an ellipse alone stays alone.
 
     Raises
     ------
@@ -123,16 +124,16 @@ def runs_of(table: pa.Table, dataset: Dataset, path: Path) -> list[Run]:
         If rows are invalid for other reasons than a convention.
     """
     checked = _checked(table, dataset, path, tolerant=True)
-    return _split(checked, dataset, tolerant=True) if checked.num_rows else []
+    return _split(checked, dataset, tolerant=True, both_poses=False) if checked.num_rows else []
 
 
-def _split(table: pa.Table, dataset: Dataset, tolerant: bool) -> list[Run]:
+def _split(table: pa.Table, dataset: Dataset, tolerant: bool, both_poses: bool = True) -> list[Run]:
     """The runs of a sorted table."""
     frame_size = {int(r["frame_id"]): (int(r["width_px"]), int(r["height_px"])) for r in dataset.images.records}
     labels = [np.array(table[name].to_pylist(), dtype=object) for name in ("method", "intrinsics")]
     change = np.flatnonzero(np.any([label[1:] != label[:-1] for label in labels], axis=0)) + 1
     bounds = pairwise([0, *change.tolist(), table.num_rows])
-    return [_run(table.slice(a, b - a), dataset, frame_size, tolerant) for a, b in bounds]
+    return [_run(table.slice(a, b - a), dataset, frame_size, tolerant, both_poses) for a, b in bounds]
 
 
 def touched_groups(paths: list[Path], dataset: Dataset, tolerated: Collection[Path] = ()) -> frozenset[str]:
@@ -225,22 +226,13 @@ def _with_cameras(table: pa.Table, dataset: Dataset, path: Path) -> pa.Table:
     return table
 
 
-def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]], tolerant: bool) -> Run:
+def _run(
+    table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int]], tolerant: bool, both_poses: bool
+) -> Run:
+    index, cameras = _cameras(table, frame_size)
+    if both_poses:
+        table, index = with_both_poses(table, dataset, index, cameras)
     frame_id = table["frame_id"].to_numpy()
-    values = floats(table, INTRINSICS)
-    known: dict[tuple[Any, ...], int] = {}
-    cameras: list[Camera] = []
-    index = np.full(table.num_rows, -1)
-    for i, (distortion, model) in enumerate(lenses_of(table)):
-        if np.isnan(values[i, 0]):
-            continue
-        key = (*frame_size[int(frame_id[i])], *values[i].tolist(), model, *distortion)
-        if key not in known:
-            known[key] = len(cameras)
-            fx, fy, skew, cx, cy = values[i]
-            k = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-            cameras.append(Camera(key[0], key[1], k, distortion, distortion_model=model))
-        index[i] = known[key]
     ok = is_ok(table)
     normal, centre, ellipse = floats(table, NORMAL), floats(table, CENTRE), floats(table, ELLIPSE)
     posed = ok & np.isfinite(normal).all(axis=-1)
@@ -263,6 +255,7 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
     filled = {
         "intrinsics: each frame's true camera": _TRUE_CAMERA in table["intrinsics_basis"].to_pylist(),
         "ellipse: from the pose": bool(bare.any()),
+        "pose: both poses of the ellipse": FROM_ELLIPSE in table["choice_basis"].to_pylist(),
     }
     identity, focal_px, focal_sigma_px = floats(table, ("identity", "focal_px", "focal_sigma_px")).T
     return Run(
@@ -289,6 +282,26 @@ def _run(table: pa.Table, dataset: Dataset, frame_size: dict[int, tuple[int, int
         covariances(table),
         *floats(table, ("probability", "confidence")).T,
     )
+
+
+def _cameras(table: pa.Table, frame_size: dict[int, tuple[int, int]]) -> tuple[NDArray[np.int64], list[Camera]]:
+    """The distinct cameras of a table, and the index of each row's; -1 if it has none."""
+    frame_id = table["frame_id"].to_numpy()
+    values = floats(table, INTRINSICS)
+    known: dict[tuple[Any, ...], int] = {}
+    cameras: list[Camera] = []
+    index = np.full(table.num_rows, -1)
+    for i, (distortion, model) in enumerate(lenses_of(table)):
+        if np.isnan(values[i, 0]):
+            continue
+        key = (*frame_size[int(frame_id[i])], *values[i].tolist(), model, *distortion)
+        if key not in known:
+            known[key] = len(cameras)
+            fx, fy, skew, cx, cy = values[i]
+            k = np.array([[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+            cameras.append(Camera(key[0], key[1], k, distortion, distortion_model=model))
+        index[i] = known[key]
+    return index, cameras
 
 
 def _sentences(text: str) -> tuple[str, ...]:

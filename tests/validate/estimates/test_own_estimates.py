@@ -1,4 +1,4 @@
-"""Incomplete estimates: poses without ellipses, ellipses without poses, centres alone, no camera."""
+"""Incomplete estimates: poses without ellipses, ellipses without poses, centres alone, no camera; their dataset."""
 
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,13 @@ import pytest
 from helpers_reports import POINTS, estimate_rows, make_dataset
 
 from roundel.datasets.dataset import Dataset
-from roundel.validate.estimates.runs import read_runs
+from roundel.scenes.errors import NotComparableError, UsageError
+from roundel.solver.estimates import EstimateKey
+from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+from roundel.solver.methods.plugin import Found, View, check_found
+from roundel.solver.methods.registry import plugin_estimate
+from roundel.validate.diagnosis.diagnosis import diagnose
+from roundel.validate.estimates.runs import Run, read_runs
 from roundel.validate.metrics.ground_truth import true_targets
 from roundel.validate.scores.scores import Scores, score
 
@@ -86,15 +92,68 @@ def test_true_poses_have_no_error(dataset, tmp_path):
     assert [f.count for f in scores.false_detections] == [0]
 
 
-def test_ellipses_alone_have_errors_of_ellipses(dataset, tmp_path):
+def test_ellipses_alone_get_both_poses(dataset, tmp_path):
     rows = [r for r in estimate_rows(dataset, ["true"], noise_px=0.2) if r["candidate"] == 0]
     full = whole(dataset, tmp_path, estimate_rows(dataset, ["true"], noise_px=0.2))
     bare = scored(dataset, tmp_path, rows, [*KEY, *ELLIPSE])
-    assert bare.table["detected"].to_pylist() == [True] * bare.table.num_rows
-    assert bare.table["solved"].to_pylist() == [False] * bare.table.num_rows
+    assert bare.table["solved"].to_pylist() == [True] * bare.table.num_rows
     np.testing.assert_allclose(column(bare, "contour_error_px"), column(full, "contour_error_px"), rtol=1e-9)
-    for name in ("normal_error_deg", "oracle_position_error_m", "oracle_pose_error_bounds", "centre_image_error_px"):
+    for name in ("normal_error_deg", "position_error_m", "pose_error_bounds", "centre_image_error_px"):
+        np.testing.assert_allclose(column(bare, f"oracle_{name}"), column(full, f"oracle_{name}"), rtol=1e-6, atol=1e-9)
+        # Both are equally likely, so that none is chosen.
         assert np.isnan(column(bare, name)).all()
+    (run,) = read_runs([tmp_path / "mine.csv"], dataset)
+    assert run.filled[-1] == "pose: both poses of the ellipse"
+    assert run.candidate.tolist() == [0, 1] * len(rows)
+    assert not run.chosen.any()
+
+
+def test_the_poses_of_an_ellipse_are_those_of_a_python_method(dataset, tmp_path):
+    shape = [640.0, 360.0, 30.0, 24.0, 20.0]
+    camera, radius_m = dataset.images.camera(0), dataset.truth["radius_m"][0].as_py()
+    found = check_found(Found(ellipse=shape), View(np.zeros((720, 1280), np.uint8), camera, 2 * radius_m))
+    assert found.normal is None, "Roundel computes the poses"
+    key = EstimateKey(0, 0, "mine", "true")
+    estimate = plugin_estimate(found, UncertainCamera(camera), 2 * radius_m, None, key)
+    table = pa.Table.from_pylist([{"frame_id": 0, **dict(zip(ELLIPSE, shape, strict=True))}])
+    pa_csv.write_csv(table, tmp_path / "mine.csv")
+    (run,) = read_runs([tmp_path / "mine.csv"], dataset)
+    np.testing.assert_allclose(run.normal, estimate.normal, atol=1e-9)
+    np.testing.assert_allclose(run.centre_m, estimate.centre_m, atol=1e-12)
+    assert estimate.chosen is None
+
+
+@pytest.mark.parametrize("where", ["column", "comment"])
+def test_a_csv_names_its_dataset(dataset, tmp_path, where):
+    own = dataset.manifest["dataset_id"]
+    other = "0123456789ab" if own[:12] != "0123456789ab" else "ba9876543210"
+    row = true_rows(dataset)[0]
+
+    def read(name: str) -> list[Run]:
+        named = {"dataset_id": name} if where == "column" else {}
+        pa_csv.write_csv(pa.Table.from_pylist([{**{n: row[n] for n in (*KEY, *POSE)}, **named}]), tmp_path / "mine.csv")
+        if where == "comment":
+            text = (tmp_path / "mine.csv").read_text()
+            (tmp_path / "mine.csv").write_text(f"# my detector\n# dataset_id: {name}\n{text}")
+        return read_runs([tmp_path / "mine.csv"], dataset)
+
+    assert len(read(own)) == len(read(own[:12])) == 1
+    with pytest.raises(NotComparableError, match=f"the estimates are of dataset {other}, but .* is {own[:12]}"):
+        read(other)
+    with pytest.raises(UsageError, match="dataset_id is 'mine'"):
+        read("mine")
+    # Wrong estimates of another dataset are not explained by a convention.
+    assert diagnose(tmp_path / "mine.csv", dataset) == []
+
+
+def test_rows_of_two_datasets_are_refused(dataset, tmp_path):
+    rows = [
+        {**{n: row[n] for n in (*KEY, *POSE)}, "dataset_id": 12 * d}
+        for d, row in zip("ab", true_rows(dataset), strict=False)
+    ]
+    pa_csv.write_csv(pa.Table.from_pylist(rows), tmp_path / "mine.csv")
+    with pytest.raises(UsageError, match="rows of 2 datasets"):
+        read_runs([tmp_path / "mine.csv"], dataset)
 
 
 def test_centres_alone_have_two_errors(dataset, tmp_path):
