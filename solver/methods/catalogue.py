@@ -1,4 +1,4 @@
-"""The methods that come with Roundel beside its own fits: their markers, what they return, and their papers."""
+"""The methods that come with Roundel: its own fits, and others with their markers, what they return, their papers."""
 
 from __future__ import annotations
 
@@ -25,6 +25,16 @@ class Listed:
     about: str
     returns: str
     paper: str = ""
+
+
+# Fits of Roundel's own, see `roundel_fits`.
+FITS = {
+    "pixels": "ellipse, blur and grey levels fitted to the pixels themselves",
+    "ml": "orthogonal distances of edge points",
+    "guaranteed": "Sampson distances of edge points, an ellipse by construction (Szpak et al. 2015)",
+    "direct": "algebraic distances of edge points (Halir and Flusser 1998)",
+    "edgedrawing": "ellipse by OpenCV's EdgeDrawing",
+}
 
 
 def _related(name: str, markers: str, about: str, returns: str, paper: str) -> Listed:
@@ -138,6 +148,11 @@ CATALOGUE: tuple[Listed, ...] = (
         "Fiala 2010",
     ),
 )
+
+
+def is_own(name: str) -> bool:
+    """Whether a method comes with Roundel."""
+    return name in FITS or listed(name) is not None
 
 
 def listed(name: str) -> Listed | None:

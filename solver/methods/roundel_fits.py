@@ -32,6 +32,7 @@ from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 from roundel.solver.fit.pixel_fit import fit_pixels
 from roundel.solver.fit.row_motion import RowMotion
+from roundel.solver.methods.catalogue import FITS
 from roundel.solver.photometry.curve_displacement import displaced, edge_displacement_px
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import overshoots, side_levels
@@ -39,13 +40,7 @@ from roundel.solver.photometry.photometry import PLAIN, Photometry
 
 Array = NDArray[np.float64]
 
-METHODS = {
-    "pixels": "ellipse, blur and grey levels fitted to the pixels themselves",
-    "ml": "orthogonal distances of edge points",
-    "guaranteed": "Sampson distances of edge points, an ellipse by construction (Szpak et al. 2015)",
-    "direct": "algebraic distances of edge points (Halir and Flusser 1998)",
-    "edgedrawing": "ellipse by OpenCV's EdgeDrawing",
-}
+METHODS = FITS
 DEFAULT_METHOD = "pixels"
 _MIN_IMAGE_PX = 8
 OUTSIDE_FIELD = "the contour is outside the field of the camera's lens model"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.validate.metrics.metric import NORMAL
+from roundel.validate.metrics.metric import NORMAL, POSITION, REPROJECTION, Metric
 from roundel.validate.metrics.rows import Rows, column, flag_column, those, where_text
 from roundel.validate.metrics.uncertainty import percentile_of
 from roundel.validate.scores.summary import CHESSBOARD, run_keys, run_rows
@@ -23,8 +23,10 @@ from roundel.validate.statistics.intervals import Interval, draws, rate_interval
 
 Array = NDArray[np.float64]
 
-ERROR, BOUND, CHI2 = NORMAL.oracle, NORMAL.bound, "oracle_pose_chi2"
+BOUND, CHI2 = NORMAL.bound, "oracle_pose_chi2"
 REGION = 0.95  # the stated region whose coverage is given
+# Errors that are drawn beside that of the normal.
+BESIDE = (POSITION, REPROJECTION)
 MIN_FRAMES = 10  # per level: with fewer, the median's interval is too wide to draw
 _RESAMPLES = 2000
 
@@ -85,6 +87,8 @@ class Curve:
         Whether the unit is the bound.
     coverage : list of Interval
         At each level, the share of truths within the 95 % region that the run states, of the poses with a covariance.
+    beside : dict of (3, levels) array
+        Median, low and high of the errors of `BESIDE`, by the metric's column, in its unit.
     """
 
     method: str
@@ -99,6 +103,7 @@ class Curve:
     frames: list[int]
     doubling: Doubling
     coverage: list[Interval]
+    beside: dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -156,11 +161,14 @@ def sweeps_of(table: Rows, study: dict[str, Any]) -> list[Sweep]:
 def _curve(table: Rows, key: tuple[str, str, str], levels: list[float], reference: int) -> Curve | None:
     frame, level = column(table, "sweep_frame"), column(table, "sweep_level")
     solved = flag_column(table, "solved")
-    error, bound = column(table, ERROR), column(table, BOUND)
-    error = np.where(solved & np.isfinite(error), error, math.inf)
     frames = np.unique(frame[np.isfinite(frame)])
-    # A frame is represented by its worst circle.
-    worst, bounds = (_by_frame(v, frame, level, frames, levels) for v in (error, bound))
+
+    def worst_of(metric: Metric) -> Array:
+        error = column(table, metric.oracle)
+        # A frame is represented by its worst circle.
+        return _by_frame(np.where(solved & np.isfinite(error), error, math.inf), frame, level, frames, levels)
+
+    worst, bounds = worst_of(NORMAL), _by_frame(column(table, BOUND), frame, level, frames, levels)
     complete = ~np.isnan(worst).any(axis=1)
     worst, bounds = worst[complete], bounds[complete]
     if len(worst) < MIN_FRAMES:
@@ -168,8 +176,9 @@ def _curve(table: Rows, key: tuple[str, str, str], levels: list[float], referenc
     unit = bounds[:, reference]
     relative = bool((np.isfinite(unit) & (unit > 0)).all())
     scaled = worst / unit[:, None] if relative else worst
-    medians, median = _resampled_medians(scaled), _middle(scaled, axis=0)
-    low, high = np.quantile(medians, [0.025, 0.975], axis=0, method="inverted_cdf")
+    medians = _resampled_medians(scaled)
+    median, low, high = _with_interval(scaled, medians)
+    others = {metric.column: worst_of(metric)[complete] for metric in BESIDE}
     return Curve(
         key[0],
         key[1],
@@ -183,7 +192,14 @@ def _curve(table: Rows, key: tuple[str, str, str], levels: list[float], referenc
         [int((level == value).sum()) for value in levels],
         _doubling(medians, median, levels, reference),
         _coverage(table, level, levels),
+        {name: _with_interval(values, _resampled_medians(values)) for name, values in others.items()},
     )
+
+
+def _with_interval(values: Array, medians: Array) -> Array:
+    """Median of frames (n, levels), and its 95 % interval from the medians of resamples: (3, levels)."""
+    low, high = np.quantile(medians, [0.025, 0.975], axis=0, method="inverted_cdf")
+    return np.stack([_middle(values, axis=0), low, high])
 
 
 def _coverage(table: Rows, level: Array, levels: list[float]) -> list[Interval]:
@@ -290,6 +306,11 @@ def sweep_summary(sweeps: list[Sweep]) -> list[dict[str, Any]]:
                     "coverage": [r.value for r in c.coverage],
                     "coverage_low": [r.low for r in c.coverage],
                     "coverage_high": [r.high for r in c.coverage],
+                    **{
+                        f"{metric.name}_median{end}": plain(values)
+                        for metric in BESIDE
+                        for end, values in zip(("", "_low", "_high"), c.beside[metric.column], strict=True)
+                    },
                 }
             )
         facts = {"group": sweep.group, "key": sweep.key, "title": sweep.title, "unit": sweep.unit}

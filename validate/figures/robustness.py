@@ -1,4 +1,4 @@
-"""Figures of sweeps: error over the level of a nuisance, with its interval and bound."""
+"""Figures of sweeps: errors and recall over the level of a nuisance, with their intervals and bound."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from roundel.validate.claims.robustness import is_logarithmic
+from roundel.validate.claims.robustness import BESIDE, is_logarithmic
 from roundel.validate.figures.svg import CURVES, INK, Picture, add_legend, colour, draw_svg, marker, name_of
 from roundel.validate.scores.summary import number
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_ENDS = ("", "_low", "_high")
 _SEVERAL = 2  # curves: with fewer, a legend is not needed
 
 
@@ -27,14 +28,19 @@ def sweep_pictures(sweeps: list[dict[str, Any]]) -> list[Picture]:
         name = name_of("sweep", sweep["group"], sweep["key"])
 
         def draw(figure: Figure, sweep: dict[str, Any] = sweep) -> None:
-            axes = figure.subplots()
-            draw_sweep(axes, sweep)
-            axes.set_ylabel(unit_in_words(sweep))
+            panels = figure.subplots(2, 2).ravel()
+            draw_sweep(panels[0], sweep)
+            panels[0].set_ylabel(unit_in_words(sweep))
+            for axes, metric in zip(panels[1:], BESIDE, strict=False):
+                draw_error(axes, sweep, metric.name)
+                axes.set_ylabel(f"{metric.title.lower()} error, median [{metric.unit}]")
+            draw_recall(panels[3], sweep)
+            panels[3].set_ylabel("recall [%]")
             if len(sweep["curves"]) >= _SEVERAL:
                 add_legend(figure, loc="outside upper center", ncols=4)
 
-        title = f"Normal error over {title_of(sweep)}"
-        found.append(Picture(name, sweep_caption(sweep), draw_svg(name, title, (6.0, 3.2), draw)))
+        title = f"Errors and recall over {title_of(sweep)}"
+        found.append(Picture(name, sweep_caption(sweep), draw_svg(name, title, (8.6, 5.6), draw)))
     return found
 
 
@@ -61,7 +67,8 @@ def sweep_caption(sweep: dict[str, Any]) -> str:
         + f": median over the same {frames} circles at every level; an unsolved circle counts as an infinite error. "
         "Bands: 95 % interval (bootstrap over frames); dashed: where the error has doubled; dotted: "
         "the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to 0.83 "
-        "of it."
+        "of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the share "
+        "of circles with a pose, with Wilson's."
     )
     return " ".join([text, *(doubling_in_words(sweep, curve) for curve in sweep["curves"])])
 
@@ -78,37 +85,73 @@ def doubling_in_words(sweep: dict[str, Any], curve: dict[str, Any]) -> str:
 
 
 def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
-    """Draw a sweep into a panel: levels from mild to severe, left to right."""
-    levels = np.array(sweep["levels"], dtype=float)
-    order = np.argsort(levels)
+    """Draw the normal's error of a sweep into a panel: levels from mild to severe, left to right."""
+    draw_error(axes, sweep, "normal")
+    first = sweep["curves"][0]
+    x, bound = _ordered(sweep, first["normal_bound"])
+    axes.plot(x, bound, color=INK, ls=":", lw=1.0)
+    if first["doubling"]["level"] is not None:
+        axes.axvline(first["doubling"]["level"], color=CURVES[-1], ls="--", lw=0.9)
+    _limit(axes, [*_known(sweep, "normal"), *(v for c in sweep["curves"] for v in c["normal_bound"] if v)])
+
+
+def draw_error(axes: Axes, sweep: dict[str, Any], name: str) -> None:
+    """Draw the medians of an error over the levels, with their intervals; unsolved circles are infinitely wrong."""
     for i, curve in enumerate(sweep["curves"]):
-        median, low, high, bound = (
-            np.array([np.nan if v is None else v for v in curve[f"normal_{n}"]])[order]
-            for n in ("median", "median_low", "median_high", "bound")
-        )
-        x = levels[order]
+        (x, median), (_, low), (_, high) = (_ordered(sweep, curve[f"{name}_median{end}"]) for end in _ENDS)
         # An interval without an upper limit ends at the panel's edge.
-        top = np.where(np.isfinite(low) & ~np.isfinite(high), 1e3, high)
+        top = np.where(np.isfinite(low) & ~np.isfinite(high), 1e6, high)
         axes.fill_between(x, low, top, color=colour(i), alpha=0.15, lw=0)
-        several = len({c["method"] for c in sweep["curves"]}) > 1
-        label = f"{curve['method']}, {curve['intrinsics']}" if several else curve["intrinsics"]
-        axes.plot(x, median, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=label)
-        if i == 0:
-            axes.plot(x, bound, color=INK, ls=":", lw=1.0)
-            if curve["doubling"]["level"] is not None:
-                axes.axvline(curve["doubling"]["level"], color=CURVES[-1], ls="--", lw=0.9)
+        axes.plot(x, median, color=colour(i), marker=marker(i), ms=3.5, lw=1.4, label=_label(sweep, curve, name))
     axes.set_yscale("log")
-    known = [
-        v
-        for c in sweep["curves"]
-        for n in ("median", "median_high", "median_low", "bound")
-        for v in c[f"normal_{n}"]
-        if v is not None and v > 0
-    ]
-    axes.set_ylim(0.6 * min(known), 1.6 * max(known))
+    _limit(axes, _known(sweep, name))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
-    if is_logarithmic(sweep["levels"]):
+    _level_axis(axes, sweep)
+
+
+def draw_recall(axes: Axes, sweep: dict[str, Any]) -> None:
+    """Draw the share of circles with a pose over the levels, in percent, with Wilson's intervals."""
+    for i, curve in enumerate(sweep["curves"]):
+        share = [
+            100 * solved / count if count else None
+            for solved, count in zip(curve["solved"], curve["frames"], strict=True)
+        ]
+        x, rate = _ordered(sweep, share)
+        low, high = (100 * _ordered(sweep, curve[f"solved_rate_{end}"])[1] for end in ("low", "high"))
+        axes.fill_between(x, low, high, color=colour(i), alpha=0.15, lw=0)
+        axes.plot(x, rate, color=colour(i), marker=marker(i), ms=3.5, lw=1.4)
+    axes.set_ylim(-3, 103)
+    _level_axis(axes, sweep)
+
+
+def _label(sweep: dict[str, Any], curve: dict[str, Any], name: str) -> str:
+    """The curve's name in the legend, of one panel alone."""
+    if name != "normal":
+        return "_"  # matplotlib leaves it out
+    several = len({c["method"] for c in sweep["curves"]}) > 1
+    return f"{curve['method']}, {curve['intrinsics']}" if several else str(curve["intrinsics"])
+
+
+def _ordered(sweep: dict[str, Any], values: list[float | None]) -> tuple[Array, Array]:
+    """Levels, ascending, and values at them; NaN for None."""
+    levels = np.array(sweep["levels"], dtype=float)
+    order = np.argsort(levels)
+    return levels[order], np.array([np.nan if v is None else v for v in values], dtype=float)[order]
+
+
+def _known(sweep: dict[str, Any], name: str) -> list[float]:
+    return [v for c in sweep["curves"] for end in _ENDS for v in c[f"{name}_median{end}"] if v is not None and v > 0]
+
+
+def _limit(axes: Axes, known: list[float]) -> None:
+    if known:
+        axes.set_ylim(0.6 * min(known), 1.6 * max(known))
+
+
+def _level_axis(axes: Axes, sweep: dict[str, Any]) -> None:
+    levels = sorted(sweep["levels"])
+    if is_logarithmic(levels):
         axes.set_xscale("log")
         axes.set_xticks(levels, [f"{v:g}" for v in levels], minor=False)
         axes.xaxis.set_minor_formatter("")

@@ -161,27 +161,31 @@ def _groups(groups: dict[str, int], most: int = 8) -> str:
 
 
 def _cards(summary: Summary) -> list[dict[str, str]]:
-    """The headline numbers of the main run."""
+    """The headline numbers of the main run, each with the method's name."""
     run = main_run(summary)
+    method = run["method"]
     oracle, label = run["oracle"], IntrinsicsLabel.of(run["intrinsics"]).phrase
     share = "-" if not run["n"] else f"{100 * run['solved'] / run['n']:.4g} %"
     bare = detected_without_pose(run)
     if bare and not run["solved"]:
         off = oracle["centre_image_error_px"]["median"], run["ellipse"]["ellipse_centre_error_px"]["median"]
         return [
-            {"value": f"{100 * bare / run['n']:.4g} %", "label": f"of {run['n']} circles found, without a pose"},
-            {"value": f"{number(off[0])} px", "label": "to the image of the circle's centre, median"},
-            {"value": f"{number(off[1])} px", "label": "to the centre of the ellipse, median"},
+            {
+                "value": f"{100 * bare / run['n']:.4g} %",
+                "label": f"of {run['n']} circles found by {method}, without a pose",
+            },
+            {"value": f"{number(off[0])} px", "label": f"{method}: to the image of the circle's centre, median"},
+            {"value": f"{number(off[1])} px", "label": f"{method}: to the centre of the ellipse, median"},
         ]
     normal, position, around = (
         number(oracle[f"{name}_error_{unit}"]["median"])
         for name, unit in (("normal", "deg"), ("position", "pct"), ("reprojection", "px"))
     )
     return [
-        {"value": share, "label": f"of {run['n']} circles solved"},
-        {"value": f"{normal}\N{DEGREE SIGN}", "label": f"normal, median, with {label}"},
-        {"value": f"{position} %", "label": "position, of the distance, median"},
-        {"value": f"{around} px", "label": "reprojection around the marker, median"},
+        {"value": share, "label": f"of {run['n']} circles solved by {method}"},
+        {"value": f"{normal}\N{DEGREE SIGN}", "label": f"{method}: normal, median, with {label}"},
+        {"value": f"{position} %", "label": f"{method}: position, of the distance, median"},
+        {"value": f"{around} px", "label": f"{method}: reprojection around the marker, median"},
     ]
 
 

@@ -40,8 +40,10 @@ def sentences(summary: Summary) -> list[str]:
         f"Method {main['method']} found {main['solved'] + bare} of {main['n']} {circles} in {data['frames']} frames; "
         + _false_sentence(main)
     ]
+    found += _failure_sentences(summary, main)
     if bare:
         found.append(_centre_sentence(main, bare))
+    found += _pooled_sentences(data)
     if main["oracle"]["normal_error_deg"]["n"]:
         found.append(
             f"With {IntrinsicsLabel.of(main['intrinsics']).phrase}, {_errors(main)} (medians); in 95 % of frames "
@@ -85,6 +87,27 @@ def _false_sentence(run: Run) -> str:
     if not count:
         return "there are no false positives."
     return "1 detection is a false positive." if count == 1 else f"{count} detections are false positives."
+
+
+def _failure_sentences(summary: Summary, run: Run, most: int = 3) -> list[str]:
+    """Why circles of a run have no pose: its most frequent reasons."""
+    mine = [f for f in summary.failures if all(f[key] == run[key] for key in ("method", "intrinsics", "reference"))]
+    if not mine:
+        return []
+    mine.sort(key=lambda f: (-f["count"], f["reason"]))
+    named = "; ".join(f"{f['reason']} ({f['count']})" for f in mine[:most])
+    more = sum(f["count"] for f in mine[most:])
+    return [f"Circles without a pose, by reason: {named}{f'; others ({more})' if more else ''}."]
+
+
+def _pooled_sentences(data: dict[str, Any]) -> list[str]:
+    """That the numbers of a report are over all levels of a sweep."""
+    several = len(data["groups"]) > 1
+    return [
+        f"These numbers are over all levels of {key}{f' in group {group}' if several else ''}, pooled; the section on "
+        "its levels tells them apart."
+        for group, key in (data.get("sweeps") or {}).items()
+    ]
 
 
 def _centre_sentence(run: Run, bare: int) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.layout.sweeps import sweep_keys
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
+from roundel.solver.methods.catalogue import is_own
 from roundel.validate.metrics.metric import (
     METRIC_VERSION,
     METRICS,
@@ -118,11 +119,14 @@ def run_rows(table: Rows, key: tuple[str, str, str]) -> Rows:
 
 
 def main_key(keys: list[tuple[str, str, str]], methods: list[str]) -> tuple[str, str, str] | None:
-    """The main run of a report: the study's first method, against the truth, with the true focal length."""
+    """The main run of a report, against the truth: a method of the user's before Roundel's, the study's first, with the
+    true focal length.
+    """
     mine = [key for key in keys if key[2] == "truth" and key[0] != CHESSBOARD]
 
-    def place(key: tuple[str, str, str]) -> tuple[int, str, bool]:
+    def place(key: tuple[str, str, str]) -> tuple[bool, int, str, bool]:
         return (
+            is_own(key[0]),
             methods.index(key[0]) if key[0] in methods else len(methods),
             key[0],
             not IntrinsicsLabel.of(key[1]).is_right,

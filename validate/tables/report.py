@@ -118,9 +118,14 @@ def _grid(summary: Summary) -> str:
     return f"Reprojection: mean of a 3x3 grid of \N{PLUS-MINUS SIGN}{extent} D around the marker."
 
 
+def _pooled(summary: Summary) -> str:
+    keys = dict.fromkeys((summary.dataset.get("sweeps") or {}).values())
+    return f" All levels of {' and of '.join(keys)} are pooled." if keys else ""
+
+
 def result_table(runs: Sequence[Run], summary: Summary, first: Sequence[str] = ()) -> Table:
     """Runs against the truth, of one report or of several with the settings of `summary`."""
-    note = f"{_STATISTIC} {_ORACLE} {_FRAME} {_grid(summary)}"
+    note = f"{_STATISTIC} {_ORACLE} {_FRAME} {_grid(summary)}{_pooled(summary)}"
     return run_table("results", "Errors of the better candidate", runs, "oracle", note, first)
 
 

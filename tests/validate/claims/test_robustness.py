@@ -36,6 +36,8 @@ def table(
             "sweep_frame": j,
             "solved": (j, level) not in lost,
             "oracle_normal_error_deg": None if (j, level) in lost else float(error[level][j]),
+            "oracle_position_error_pct": None if (j, level) in lost else 3.0 * float(error[level][j]),
+            "oracle_reprojection_error_px": None if (j, level) in lost else 5.0 * float(error[level][j]),
             "normal_bound_deg": 0.01,
         }
         for i, level in enumerate(levels)
@@ -96,7 +98,14 @@ def test_a_lost_circle_is_infinitely_wrong() -> None:
     facts = sweep_summary(sweeps)
     assert facts[0]["curves"][0]["normal_median_deg"][3] is None
     assert "has doubled at 8.00 electrons" in doubling_in_words(facts[0], facts[0]["curves"][0])
-    assert "<svg" in sweep_pictures(facts)[0].svg
+    # Position and reprojection are drawn beside the normal, and so is the recall.
+    drawn = facts[0]["curves"][0]
+    assert drawn["position_median"] == pytest.approx([0.06, 0.06, 0.06, None, None])
+    assert drawn["reprojection_median_low"][:3] == pytest.approx([0.1, 0.1, 0.1])
+    (picture,) = sweep_pictures(facts)
+    for label in ("position error, median", "reprojection error, median", "recall"):
+        assert label in picture.svg
+    assert "recall" in picture.caption
 
 
 def test_coverage_of_each_level_is_that_of_its_poses() -> None:
