@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import RoundelError
+from roundel.solver.methods.catalogue import is_own
 from roundel.validate.diagnosis.conventions import CONVENTIONS, PARTS, Convention, Part
 from roundel.validate.diagnosis.fit import detections_of, errors_px
-from roundel.validate.estimates.reader import dataset_of, frame_ids_of, read_estimates
+from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates
 from roundel.validate.metrics.ground_truth import Targets, true_targets
 
 Array = NDArray[np.float64]
@@ -102,6 +103,8 @@ def _of_file(file: Path, dataset: Dataset) -> list[Diagnosis]:
     targets = true_targets(part, 1.0)
     out: list[Diagnosis] = []
     for method, intrinsics in sorted(set(zip(*(table[n].to_pylist() for n in ("method", "intrinsics")), strict=True))):
+        if is_own(method) and images_of(table) is not None:
+            continue  # `roundel solve` wrote it, and knows its conventions
         mine = table.filter(pc.and_(pc.equal(table["method"], method), pc.equal(table["intrinsics"], intrinsics)))
         for what in PARTS:
             rows = detections_of(mine, what)

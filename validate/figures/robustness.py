@@ -33,7 +33,7 @@ def sweep_pictures(sweeps: list[dict[str, Any]]) -> list[Picture]:
             panels[0].set_ylabel(unit_in_words(sweep))
             for axes, metric in zip(panels[1:], BESIDE, strict=False):
                 draw_error(axes, sweep, metric.name)
-                axes.set_ylabel(f"{metric.title.lower()} error, median [{metric.unit}]")
+                axes.set_ylabel(f"{metric.title.lower()} error, median\n[{metric.unit}]")
             draw_recall(panels[3], sweep)
             panels[3].set_ylabel("recall [%]")
             if len(sweep["curves"]) >= _SEVERAL:
@@ -54,7 +54,7 @@ def title_of(sweep: dict[str, Any]) -> str:
 def unit_in_words(sweep: dict[str, Any]) -> str:
     """Label of the error's axis."""
     relative = sweep["curves"][0]["unit"] == "bounds"
-    return "normal error / bound at the mildest level" if relative else "normal error, median [deg]"
+    return "normal error / bound\nat the mildest level" if relative else "normal error, median [deg]"
 
 
 def sweep_caption(sweep: dict[str, Any]) -> str:
