@@ -38,8 +38,8 @@ COLUMNS: tuple[Given, ...] = (
         "number",
         "1; m",
         "pose in OpenCV's camera frame: unit normal out of the printed face, toward the camera; the circle's centre",
-        "one of pose, ellipse and centre is required; both poses of the ellipse, if there is one; a centre alone has no "
-        "errors of pose",
+        "one of pose, ellipse and centre is required; both poses of the ellipse, if there is one; a centre alone has "
+        "no errors of pose",
     ),
     Given(
         ELLIPSE,

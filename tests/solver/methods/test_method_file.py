@@ -111,6 +111,14 @@ def test_what_cannot_be_loaded_is_one_line(dataset, mine, tmp_path, monkeypatch,
     assert said.count("\n") == 1
 
 
+def test_run_refuses_a_method_before_it_renders(tmp_path, capsys):
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    assert main(["run", str(study), str(tmp_path / "out"), "--method", str(tmp_path / "absent.py")]) == 2
+    assert "absent.py cannot be read" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_two_methods_of_one_name_are_refused(mine):
     again = mine.with_name("again")
     again.mkdir()

@@ -1,13 +1,18 @@
 """Wrong conventions in a CSV: each is named, and right or merely bad estimates never are."""
 
+import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
 import pytest
 from helpers_conventions import ELLIPSE, STUDY, WRONG, Row, scaled, write
-from helpers_reports import estimate_rows, make_dataset
+from helpers_reports import estimate_rows, make_dataset, write_estimates
 
 from roundel.datasets.dataset import Dataset
+from roundel.solver.estimates import METADATA
 from roundel.validate.diagnosis.diagnosis import diagnose
 
 
@@ -74,6 +79,29 @@ def test_a_bad_detector_is_not_diagnosed(dataset, tmp_path):
     change = WRONG["millimetres"][0]
     few = [{**row, **change(row, "pose")} for row in rows[:2]]
     assert named(dataset, write(tmp_path / "few.csv", few, "pose")) == []
+
+
+def test_a_point_alone_is_diagnosed_too(dataset, tmp_path):
+    names = ["centre_image_x_px", "centre_image_y_px"]
+    rows = [{n: row[n] for n in ("frame_id", *names)} for row in dataset.truth.to_pylist()]
+    for name, change in {
+        "half_pixel": lambda r: {n: r[n] + 0.5 for n in names},
+        "y_upwards": lambda r: {names[1]: 719 - r[names[1]]},
+        "swapped_xy": lambda r: {names[0]: r[names[1]], names[1]: r[names[0]]},
+    }.items():
+        file = tmp_path / "mine.csv"
+        pa_csv.write_csv(pa.Table.from_pylist([{**r, **change(r)} for r in rows]), file)
+        assert named(dataset, file) == [name]
+
+
+def test_a_method_that_roundel_ran_is_not_looked_at(dataset, tmp_path):
+    rows = [r for r in estimate_rows(dataset, ["true"]) if r["candidate"] == 0]
+    wrong = [{**row, **WRONG["full_axes"][0](row, "")} for row in rows]
+    for method, expected in (("pixels", []), ("mine", ["full_axes"])):
+        file = write_estimates(tmp_path / "estimates.parquet", [{**row, "method": method} for row in wrong])
+        about = {"dataset_id": dataset.manifest["dataset_id"], "images_sha256": dataset.images.images_sha256}
+        pq.write_table(pq.read_table(file).replace_schema_metadata({METADATA: json.dumps(about)}), file)
+        assert named(dataset, file) == expected
 
 
 def test_it_says_by_how_much(dataset, tmp_path):

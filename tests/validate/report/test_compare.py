@@ -180,7 +180,8 @@ def test_methods_in_one_report(house: Path, tmp_path: Path) -> None:
     files = [write_estimates(tmp_path / "a.parquet", rows), write_estimates(tmp_path / "b.parquet", lost)]
     validate_dataset(dataset.path, files, tmp_path / "out")
     (row,) = rows_of(tmp_path / "out", "solved_by_one")
-    assert (row["first"], row["second"], row["only_first"], row["only_second"]) == ("ml", "worse", "20", "0")
+    # The user's method comes before Roundel's.
+    assert (row["first"], row["second"], row["only_first"], row["only_second"]) == ("worse", "ml", "0", "20")
     assert row["better"] == "ml"
     # Of the frames that both solved the estimates are the same: equal is not "no difference shown".
     assert {r["better"] for r in rows_of(tmp_path / "out", "comparisons")} == {"identical"}
