@@ -53,11 +53,11 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dataset = make_dataset(folder / "ds", STUDY)
     rows = [
         row
-        for method, noise in (("ml", 0.05), ("other", 0.4))
+        for method, noise in (("first", 0.05), ("other", 0.4))
         for row in estimate_rows(dataset, ["true"], noise, method)
         if row["frame_id"] % LOST
     ]
-    rows += [failed_row(i, "true", method=method) for i in range(0, FRAMES, LOST) for method in ("ml", "other")]
+    rows += [failed_row(i, "true", method=method) for i in range(0, FRAMES, LOST) for method in ("first", "other")]
     validate_dataset(dataset.path, [write_estimates(folder / "e.parquet", rows)], folder / "report")
     browse_dataset(dataset.path, folder / "page", folder / "report")
     return folder / "page" / "index.html"
