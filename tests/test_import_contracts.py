@@ -18,6 +18,7 @@ BREAKS = {
     "the solver is blind": ("solver/detect/arcs.py", "roundel.scenes.truth.truth"),
     "validate rests on": ("validate/statistics/intervals.py", "roundel.render.run"),
     "the solver's records are types": ("solver/estimates.py", "roundel.solver.fit.edges"),
+    "the poses of an ellipse are": ("solver/pose/circle_pose.py", "roundel.solver.fit.edges"),
     "configs is data": ("configs/shipped.py", "roundel.scenes.errors"),
     "layers of scenes": ("scenes/geometry/pose.py", "roundel.scenes.study.values"),
     "layers of datasets": ("datasets/layout/files.py", "roundel.datasets.flags"),

@@ -132,7 +132,7 @@ def validate_dataset(
         "reference_intrinsics": camera if views else None,
         "solve": dataset.study.get("solve"),
     }
-    diagnosed = {file: found for file in files if (found := diagnose(file, dataset))}
+    diagnosed = {file: its for file in files if (its := diagnose(file, dataset))}
     how = ShardScoring(files, extent_D, views, reference_camera, camera, frozenset(diagnosed))
     with ScoresOnDisk() as rows:
         found = score_by_shard(dataset, how, rows, progress, jobs, scheduler)

@@ -167,11 +167,11 @@ def _explains(before: Array, after: Array) -> bool:
     either = fits | fitted
     better = np.count_nonzero(after < before) >= _SHARE_BETTER * either.sum()
     if fits.sum() >= 2 * fitted.sum() + _LEAST:
-        return better
+        return bool(better)
     both = fits & fitted
     if both.sum() < _LEAST_MATCHED:
         return False
-    return better and bool(np.median(after[both]) <= _MEDIAN_BELOW * np.median(before[both]))
+    return bool(better) and bool(np.median(after[both]) <= _MEDIAN_BELOW * np.median(before[both]))
 
 
 def _rank(errors: Array) -> tuple[int, float]:
@@ -183,10 +183,22 @@ def _rank(errors: Array) -> tuple[int, float]:
 def _diagnosis(
     file: str, method: str, intrinsics: str, part: str, convention: Convention, before: Array, after: Array
 ) -> Diagnosis:
-    fits = [np.isfinite(errors) for errors in (before, after)]
-    medians = [float(np.median(e[f])) if f.any() else None for e, f in zip((before, after), fits, strict=True)]
-    counts = [int(f.sum()) for f in fits]
+    def fit(errors: Array) -> tuple[int, float | None]:
+        fits = np.isfinite(errors)
+        return int(fits.sum()), float(np.median(errors[fits])) if fits.any() else None
+
+    (count_before, median_before), (count_after, median_after) = fit(before), fit(after)
     return Diagnosis(
-        file, method, intrinsics, part, convention.name, len(before), *counts, *medians, convention.text,
+        file,
+        method,
+        intrinsics,
+        part,
+        convention.name,
+        len(before),
+        count_before,
+        count_after,
+        median_before,
+        median_after,
+        convention.text,
         convention.remedy,
-    )  # fmt: skip
+    )

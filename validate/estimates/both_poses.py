@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
@@ -49,22 +52,24 @@ def with_both_poses(
         radius = radii_m(dataset, frame_id[rows], distort_px(its, ellipse[rows, :2]))
         for row, r in zip(rows.tolist(), radius.tolist(), strict=True):
             poses[row] = _poses(ellipse[row], its, r)
-    posed = np.isfinite(poses).all(axis=(1, 2))
+    posed = np.asarray(np.isfinite(poses).all(axis=(1, 2)), dtype=np.bool_)
     if not posed.any():
         return table, camera
     taken = np.repeat(np.arange(table.num_rows), np.where(posed, 2, 1))
-    new, candidate = posed[taken], np.append(False, taken[1:] == taken[:-1]).astype(np.int64)
-    columns = {name: poses[taken, candidate, i] for i, name in enumerate((*NORMAL, *CENTRE))}
+    candidate = np.append(False, taken[1:] == taken[:-1]).astype(np.int64)
+    new = pa.array(posed[taken])
     table = table.take(pa.array(taken))
-    for name, values in {**columns, "candidate": candidate, "chosen": False, "choice_basis": FROM_ELLIPSE}.items():
-        at = table.column_names.index(name)
-        kind = table.schema.field(at).type
-        values = np.full(len(taken), values) if np.ndim(values) == 0 else values
-        mixed = [
-            v if n else old for n, v, old in zip(new, np.asarray(values).tolist(), table[name].to_pylist(), strict=True)
-        ]
-        table = table.set_column(at, name, pa.array(mixed, kind))
-    return table, camera[taken]
+    columns: dict[str, Any] = {name: poses[taken, candidate, i] for i, name in enumerate((*NORMAL, *CENTRE))}
+    columns["candidate"] = candidate
+    for name, values in columns.items():
+        table = _replaced(table, name, new, pa.array(values, table.schema.field(name).type))
+    table = _replaced(table, "chosen", new, pa.scalar(False))
+    return _replaced(table, "choice_basis", new, pa.scalar(FROM_ELLIPSE)), camera[taken]
+
+
+def _replaced(table: pa.Table, name: str, rows: pa.Array, values: pa.Array | pa.Scalar) -> pa.Table:
+    """The table with other values in some rows of a column."""
+    return table.set_column(table.column_names.index(name), name, pc.if_else(rows, values, table[name]))
 
 
 def _poses(ellipse: Array, camera: Camera, radius_m: float) -> Array:
