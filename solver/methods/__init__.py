@@ -1,7 +1,5 @@
 """Methods by name, Roundel's and third-party, and the chain from an image to estimates.
 
-catalogue: The methods that come with Roundel: its own fits, and others with their markers, what they return, their
-    papers
 companions: The other images by the camera of a frame, for methods that need several views
 compilation_shares: What other processes compile at the first compilation: they run the fits of a drawn disc
 estimate_caveats: Caveats of an estimate: numbers and sentences about how well its model holds, from its fit and its

@@ -14,6 +14,7 @@ from roundel.solver.methods.plugin import Finder
 
 SUFFIX = ".py"
 FUNCTION = "find"
+MODULE = "roundel_method_"  # of imported files
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class MethodFile:
 def _module(path: Path, source: bytes) -> ModuleType:
     """The imported file; a file that has not changed is executed once."""
     digest = hashlib.sha256(str(path).encode() + b"\0" + source).hexdigest()[:16]
-    name = f"roundel_method_{digest}"
+    name = f"{MODULE}{digest}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)

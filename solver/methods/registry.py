@@ -18,10 +18,10 @@ import numpy as np
 from roundel.scenes.errors import UsageError, did_you_mean
 from roundel.scenes.geometry.conic import Ellipse
 from roundel.solver.ambiguity.disambiguation import Knowledge
+from roundel.solver.catalogue import CATALOGUE, listed
 from roundel.solver.estimates import NOT_FOUND, Estimate, EstimateKey
 from roundel.solver.fit.ellipse import EllipseFit
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
-from roundel.solver.methods.catalogue import CATALOGUE, listed
 from roundel.solver.methods.fit_poses import poses_of_fits
 from roundel.solver.methods.method_file import MethodFile
 from roundel.solver.methods.plugin import Checked, Finder, MethodFailure, View, check_found

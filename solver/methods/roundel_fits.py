@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.model import Camera, distorts, undistort_px
 from roundel.scenes.camera.response_curve import ResponseCurve
 from roundel.scenes.geometry.conic import ellipse_points
+from roundel.solver.catalogue import FITS
 from roundel.solver.detect.detect import Detection, detect
 from roundel.solver.fit.edge_fit import EdgeFit, fit_edges
 from roundel.solver.fit.edges import EdgePoints, edge_points
@@ -32,7 +33,6 @@ from roundel.solver.fit.ellipse_distance import foot_points
 from roundel.solver.fit.guaranteed_fit import guaranteed_ellipse
 from roundel.solver.fit.pixel_fit import fit_pixels
 from roundel.solver.fit.row_motion import RowMotion
-from roundel.solver.methods.catalogue import FITS
 from roundel.solver.photometry.curve_displacement import displaced, edge_displacement_px
 from roundel.solver.photometry.curve_evidence import curve_evidence
 from roundel.solver.photometry.edge_levels import overshoots, side_levels

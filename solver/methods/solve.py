@@ -31,7 +31,7 @@ from roundel.solver.estimates import NOT_FOUND, Estimate, estimates_table
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.companions import companions_of, equivalent_diameter_m, printed_markers
-from roundel.solver.methods.method_file import MethodFile
+from roundel.solver.methods.method_file import MODULE, MethodFile
 from roundel.solver.methods.plugin import Finder, View
 from roundel.solver.methods.registry import NOTHING, absolute_names, load_methods
 from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
@@ -237,8 +237,7 @@ def _shared_by_parts(run: _Run) -> bytes:
     """What all parts depend on beside their frames: another argument or version of Roundel gives them other names."""
     try:
         files = [file for file in map(MethodFile.of, run.asked) if file]
-        named = [finder for name, finder in run.methods.items() if name not in {file.name for file in files}]
-        if not all(f is None or f.__module__.startswith("roundel.") for f in named):
+        if not all(f is None or f.__module__.startswith(("roundel.", MODULE)) for f in run.methods.values()):
             raise ValueError("nothing tells whether a method of a package has changed")
         return pickle.dumps((run.asked, [file.stamp() for file in files], run.knowledge, source_stamp()))
     except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
 from roundel.scenes.errors import RoundelError
-from roundel.solver.methods.catalogue import is_own
+from roundel.solver.catalogue import is_own
 from roundel.validate.diagnosis.conventions import CONVENTIONS, PARTS, Convention, Part
 from roundel.validate.diagnosis.fit import detections_of, errors_px
 from roundel.validate.estimates.reader import dataset_of, frame_ids_of, images_of, read_estimates

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset
 from roundel.datasets.layout.sweeps import sweep_keys
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
-from roundel.solver.methods.catalogue import is_own
+from roundel.solver.catalogue import is_own
 from roundel.validate.metrics.metric import (
     METRIC_VERSION,
     METRICS,

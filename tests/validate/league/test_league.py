@@ -332,7 +332,7 @@ def test_the_commitment_hides_by_its_salt():
 
 def test_every_entry_names_variants_of_the_study_and_every_catalogue_name_is_in():
     from roundel.scenes.study.yaml_reader import read_yaml
-    from roundel.solver.methods.catalogue import CATALOGUE
+    from roundel.solver.catalogue import CATALOGUE
 
     house = Path(__file__).resolve().parents[3]
     raw, _ = read_yaml(house / "configs" / "league.yaml")
