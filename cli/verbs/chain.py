@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from roundel.cli.plausibility import implausible_arguments
 from roundel.cli.progress import progress
 from roundel.cli.verbs.studies import find_study, init_study, list_studies
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
@@ -39,23 +40,26 @@ def do_check(arguments: argparse.Namespace) -> int:
 
 
 def _study(path: str) -> Any:
-    """Load a study and check its methods and intrinsics before the rendering starts."""
+    """Load a study, check its methods and intrinsics before the rendering starts, and warn of implausible values."""
+    from roundel.scenes.world.plausibility import implausible_values
     from roundel.scenes.study.study import load_study
     from roundel.solver.ambiguity.parse_prior import parse_knowledge
+    from roundel.solver.intrinsics.plausibility import describe_implausible_focal
     from roundel.solver.intrinsics.specification import parse_intrinsics
     from roundel.solver.methods.registry import load_methods
 
     path = str(find_study(path))
     study = load_study(path)
+    line, column = study.marks.get(("solve",), (1, 1))
     try:
         load_methods(study.solve.methods)
         parse_knowledge(study.solve.knowledge)
-        for label in study.solve.intrinsics:
-            if not _is_of_study(label):
-                parse_intrinsics(label)
+        specs = [parse_intrinsics(label) for label in study.solve.intrinsics if not _is_of_study(label)]
     except UsageError as error:
-        line, column = study.marks.get(("solve",), (1, 1))
         raise UsageError(f"{path}:{line}:{column}: solve: {error}") from error
+    odd = filter(None, map(describe_implausible_focal, specs))
+    for warning in [*implausible_values(study), *(f"{path}:{line}:{column}: solve: {one}" for one in odd)]:
+        _warn(warning)
     return study
 
 
@@ -181,6 +185,8 @@ def do_solve(arguments: argparse.Namespace) -> int:
     """Estimate poses from a dataset's images, from photographs, or from a video."""
     from roundel.cli.verbs.photos import are_photographs, is_video, solve_film, solve_photos
 
+    for warning in implausible_arguments(arguments):
+        _warn(warning)
     if is_video(arguments.inputs):
         return solve_film(arguments, _knowledge(arguments.knowledge))
     if are_photographs(arguments.inputs):
@@ -337,6 +343,8 @@ def do_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate from boards."""
     from roundel.cli.verbs.calibrate import calibrate
 
+    for warning in implausible_arguments(arguments):
+        _warn(warning)
     return calibrate(arguments)
 
 

@@ -6,6 +6,7 @@ ink_pattern: Reflectance of a sheet, point by point, in float64: the definition 
     traces
 marker: Markers as exact ink: circles, squares, bars, cells and sectors in the plane of the print, in metres
 outlines: Outlines of a sheet's edges as polylines, for the allocation of samples
+plausible_size: Whether the size of a print is plausible in metres
 ring_codes: Identities in the widths of concentric crowns, in the spirit of CCTag (Calvet et al
 stag_codes: The layout of STag and its library HD21: Benligiray, Topal and Akinlar, STag: A Stable Fiducial Marker
     System (2019)

@@ -9,5 +9,6 @@ occluders: Flat occluders in front of the print: what they hide from the camera,
 own_world: The user's own scene or pictures around the sheet: where they are, and whether the marker is seen in them
 placement: Sheets in the camera frame: their pose from a study's keys, the outlines of their parts, and what must be
     in view
+plausibility: Plausibility of a study: values that are legal, but look as if they were written in another unit
 sheets: From a marker's section to the printed sheet: one function for each kind
 """

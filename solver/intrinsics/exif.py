@@ -30,7 +30,7 @@ _WIDTH, _HEIGHT = 0xA002, 0xA003
 _PLANE_RESOLUTION, _PLANE_UNIT = 0xA20E, 0xA210
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # inch, cm, mm, um; inch if unspecified
 
-_FOCAL_35MM_RANGE = (4.0, 3000.0)  # from fisheye lenses to the longest telescopes
+FOCAL_35MM_RANGE = (4.0, 3000.0)  # from fisheye lenses to the longest telescopes
 # Crop factor (diagonal of 35-mm film over that of the sensor): from an 8x10-inch plate (0.13) to a sensor of 3 mm.
 _CROP_FACTOR_RANGE = (0.12, 15.0)
 _ZOOM_RANGE = (1.02, 200.0)  # a smaller value means no zoom
@@ -200,7 +200,7 @@ def _focal_by_equivalent(tags: ExifTags, long_px: int, short_px: int) -> ExifFoc
     stated, zoom = tags.focal_35mm_mm, tags.digital_zoom
     if stated is None:
         return NoFocal("its EXIF has no 35-mm equivalent focal length")
-    if not _FOCAL_35MM_RANGE[0] <= stated <= _FOCAL_35MM_RANGE[1]:
+    if not FOCAL_35MM_RANGE[0] <= stated <= FOCAL_35MM_RANGE[1]:
         return NoFocal(f"its EXIF has an absurd 35-mm equivalent focal length, {stated:g} mm")
     # For each interpretation of the zoom: the equivalent focal length, and the one without zoom, for the sensor size.
     readings = [(stated, stated / zoom)]
@@ -239,5 +239,5 @@ def _focal_by_plane_px(tags: ExifTags, long_px: int) -> float | None:
     if not 2.0 <= sensor_mm <= 300.0:
         return None
     focal_px = tags.focal_mm * tags.plane_px_per_mm * tags.digital_zoom * long_px / written_px
-    low, high = (f * long_px / 36.0 for f in _FOCAL_35MM_RANGE)
+    low, high = (f * long_px / 36.0 for f in FOCAL_35MM_RANGE)
     return focal_px if low <= focal_px <= high else None
