@@ -41,8 +41,8 @@ def do_check(arguments: argparse.Namespace) -> int:
 
 def _study(path: str) -> Any:
     """Load a study, check its methods and intrinsics before the rendering starts, and warn of implausible values."""
-    from roundel.scenes.world.plausibility import implausible_values
     from roundel.scenes.study.study import load_study
+    from roundel.scenes.world.plausibility import implausible_values
     from roundel.solver.ambiguity.parse_prior import parse_knowledge
     from roundel.solver.intrinsics.plausibility import describe_implausible_focal
     from roundel.solver.intrinsics.specification import parse_intrinsics

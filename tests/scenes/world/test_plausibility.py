@@ -7,8 +7,8 @@ from helpers_studies import SMALL
 
 from roundel.configs.shipped import starting_point, study_names, study_path
 from roundel.scenes.study.layers import preset_names
-from roundel.scenes.world.plausibility import field_of_view_deg, implausible_values
 from roundel.scenes.study.study import load_study
+from roundel.scenes.world.plausibility import field_of_view_deg, implausible_values
 
 PRESET = "schema: 1\nname: p\npreset: {}\nmarker: {{kind: disc, diameter_m: 0.08}}\nframes: 1\n"
 LENS = "camera: {width_px: 160, height_px: 120, focal_mm: 4, pixel_pitch_um: 3}"
