@@ -70,6 +70,12 @@ def _add_studies(add: AddVerb) -> None:
     check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
 
+    preview = add("preview", "show a few frames of a study, small and with few rays: a contact sheet and a page")
+    preview.add_argument("study", metavar="STUDY", help=_STUDY)
+    preview.add_argument(
+        "out", nargs="?", type=on_disk, metavar="OUT", help="folder to write to (default: STUDY-preview, here)"
+    )
+
     studies = add("studies", "list the shipped studies, or print one")
     studies.add_argument("name", nargs="?", metavar="NAME", help="print this study instead of the list")
 

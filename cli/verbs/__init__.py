@@ -7,5 +7,6 @@ exports: The verbs that take a dataset to others: export, card
 gate: `roundel gate`, `roundel baseline` and `roundel compare`: reports held against each other
 league: `roundel league`: run every entry over the study, score a submission, hold a part back
 photos: Verbs for photographs, videos and printed markers
+preview: `roundel preview`: a few frames of a study on a page, before it is rendered
 studies: Shipped studies by name: listed, printed, copied as a starting point
 """

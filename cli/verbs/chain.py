@@ -39,6 +39,13 @@ def do_check(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def do_preview(arguments: argparse.Namespace) -> int:
+    """Show a few frames of a study before it is rendered."""
+    from roundel.cli.verbs.preview import preview
+
+    return preview(_study(arguments.study), arguments)
+
+
 def _study(path: str) -> Any:
     """Load a study, check its methods and intrinsics before the rendering starts, and warn of implausible values."""
     from roundel.scenes.study.study import load_study
