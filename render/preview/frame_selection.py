@@ -14,7 +14,7 @@ from roundel.scenes.world.frame import group_ranges
 # Frames that are rendered, and those that are placed to see the ranges of sizes and distances.
 MOST_FRAMES, MOST_PLACED = 12, 24
 # A frame in a world costs about so many on a plain wall: its meshes, textures and paths.
-_COST_OF_A_WORLD, _MOST_COST = 5, 30
+_COST_OF_A_WORLD, _MOST_COST = 5, 27
 
 
 def spread_ids(ids: range, count: int) -> list[int]:
