@@ -195,7 +195,9 @@ def _add_mixing(parser: argparse.ArgumentParser) -> None:
 
 def _add_solving(add: AddVerb) -> None:
     solve = add("solve", "estimate the pose of every circle in a dataset, in photographs, or in a video")
-    solve.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, image files, or a video")
+    solve.add_argument(
+        "inputs", metavar="INPUT", nargs="+", help="a dataset; image files, folders of them, or patterns; or a video"
+    )
     solve.add_argument("out", type=on_disk, metavar="OUT", help=_OUT)
     solve.add_argument(
         "--diameter-m",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import glob
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,28 +15,33 @@ from roundel.scenes.errors import UsageError
 VIDEO_SUFFIXES = (
     ".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mjpeg", ".ts", ".3gp",
 )  # fmt: skip
-_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic")
 
 
 def are_photographs(inputs: list[str]) -> bool:
-    """Whether the inputs of `solve` are image files; a single folder is a dataset.
+    """Whether the inputs of `solve` are photographs: image files, patterns, or folders of images; else it is a dataset.
 
     Raises
     ------
     UsageError
-        If they mix datasets and photographs, or are several datasets or a folder of photographs.
+        If they mix datasets and photographs, or are several datasets.
     """
-    folders = [text for text in inputs if is_url(text) or Path(text).is_dir()]
-    if folders and len(inputs) > 1:
-        raise UsageError(f"{folders[0]}: is a folder; give a single dataset, or the photographs in it by name")
-    if folders and not is_url(folders[0]) and not (Path(folders[0]) / "manifest.json").exists():
-        image = next((p for p in sorted(Path(folders[0]).iterdir()) if p.suffix.lower() in _SUFFIXES), None)
-        if image is not None:
-            raise UsageError(
-                f"{folders[0]}: not a dataset but a folder of images; give the images by name, for example {image}"
-            )
-    # A name that does not exist is taken as a file if it has a suffix.
-    return not folders and (len(inputs) > 1 or Path(inputs[0]).is_file() or bool(Path(inputs[0]).suffix))
+    from roundel.datasets.layout.files import MANIFEST, STUDY
+    from roundel.solver.photos.photo_inputs import images_in
+
+    def is_dataset(text: str) -> bool:
+        path = Path(text)
+        return is_url(text) or (path.is_dir() and any((path / name).exists() for name in (MANIFEST, STUDY)))
+
+    datasets = [text for text in inputs if is_dataset(text)]
+    if datasets and len(inputs) > 1:
+        raise UsageError(f"{datasets[0]}: is a dataset; give a single dataset, or photographs")
+    if datasets:
+        return False
+    if len(inputs) > 1 or not Path(inputs[0]).is_dir():
+        # A name that does not exist is taken as a file if it has a suffix, or as a pattern.
+        path = Path(inputs[0])
+        return len(inputs) > 1 or path.is_file() or bool(path.suffix) or glob.has_magic(inputs[0])
+    return bool(images_in(Path(inputs[0])))
 
 
 def is_video(inputs: list[str]) -> bool:
@@ -91,7 +97,7 @@ def solve_film(arguments: argparse.Namespace, knowledge: Any) -> int:
 def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
     """Estimate poses from photographs; returns 4 if one of them failed."""
     from roundel.solver.methods.roundel_fits import DEFAULT_METHOD
-    from roundel.solver.photos.photo_report import caveat_lines, line_of
+    from roundel.solver.photos.photo_report import caveat_lines, line_of, pose_lines
     from roundel.solver.photos.photographs import solve_photographs
 
     out = Path(arguments.out)
@@ -119,10 +125,10 @@ def solve_photos(arguments: argparse.Namespace, knowledge: Any) -> int:
             failed += 1
             print(f"roundel: {line_of(result)}", file=sys.stderr)
         else:
-            print("\n    ".join([line_of(result), *caveat_lines(result)]))
+            print("\n    ".join([line_of(result), *pose_lines(result), *caveat_lines(result)]))
     found = sum(result.found for result in results)
     counts = f"{_some(len(results), 'photograph')}, {_some(found, 'circle')}, {failed} failed"
-    print(f"{out}: {counts}; see overlays/ for the images and estimates.json for the numbers")
+    print(f"{out}: {counts}; see overlays/ for the images, estimates.json and estimates.csv for the numbers")
     return 4 if failed else 0
 
 

@@ -40,6 +40,8 @@ Knowledge = str | Evidence | Sequence[str | Evidence] | None
 
 _SURE = math.log(19.0)  # 95 %: pieces that favour different candidates with this certainty contradict each other
 _TIED = 1e-9
+# Part of a basis: two pieces are each certain, of different candidates.
+CONTRADICTORY = "these contradict each other"
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def choose(observation: Observation | Array, knowledge: Knowledge = None) -> Cho
     odds = [verdict.log_odds for verdict in verdicts]
     basis = "; ".join(verdict.basis for verdict in verdicts)
     if max(odds) > _SURE and min(odds) < -_SURE:
-        basis += "; these contradict each other"
+        basis += f"; {CONTRADICTORY}"
     if math.inf in odds and -math.inf in odds:
         return Choice((0.5, 0.5), None, basis)
     total = sum(odds)

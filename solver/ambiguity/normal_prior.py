@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 _LOG_VISIBLE = -math.log(2.0 * math.pi)  # uniform density over the normals that face the camera, per steradian
 
 
+# Part of a basis: the declared knowledge is unlikely for both candidates.
+FITS_NEITHER = "it fits neither"
+
+
 @dataclass(frozen=True, eq=False)
 class NormalPrior:
     """The normal is near a known direction: gravity, an inertial sensor, the previous frame.
@@ -159,7 +163,7 @@ def _weigh(log: list[float], far: list[float], source: str, angles: list[float],
     first, second = (math.log((1.0 - MISTAKES) * math.exp(v - top) + math.exp(even - top)) for v in log)
     basis = f"{source}: the candidates are {angles[0]:.1f} and {angles[1]:.1f} deg {how}"
     if min(far) > MISFIT:
-        basis += ", it fits neither"
+        basis += f", {FITS_NEITHER}"
     return Verdict(first - second, basis)
 
 

@@ -23,6 +23,7 @@ from roundel.solver.photometry.frame_levels import Levels, frame_levels
 from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
 from roundel.solver.photos.photo_file import read_photo
+from roundel.solver.photos.photo_inputs import PhotoInput, find_photographs
 
 Progress = Callable[[int, int], None]
 
@@ -131,6 +132,7 @@ def photographed_grids(
     Parameters
     ----------
     paths : sequence of path
+        As in `solve_photographs`.
     layout : GridLayout
     curve : str, optional
         See `solve_photographs`.
@@ -150,11 +152,12 @@ def photographed_grids(
     if problem:
         raise UsageError(f"the circle grid {problem}")
     asked = None if curve is None else parse_curve(curve) or UNKNOWN
-    return _views([partial(_photo_levels, path, asked) for path in paths], layout, progress)
+    found = find_photographs(paths)
+    return _views([partial(_photo_levels, photo, asked) for photo in found], layout, progress)
 
 
-def _photo_levels(path: str | Path, curve: ResponseCurve | None) -> Levels:
-    photo = read_photo(path, curve)
+def _photo_levels(source: PhotoInput, curve: ResponseCurve | None) -> Levels:
+    photo = read_photo(source.path, curve, source.page)
     linearise = None if photo.photometry.curve.known else photo.grey_by
     return Levels(photo.grey, photo.saturation_dn, photo.photometry, linearise)
 

@@ -13,7 +13,7 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,8 @@ from roundel.solver.photometry.image_levels import averaged_rounding, grey_level
 from roundel.solver.photometry.jpeg_rounding import luminance_table
 from roundel.solver.photometry.photometry import Photometry, level_step
 from roundel.solver.photos.file_curve import declared_curve
+from roundel.solver.photos.heif_file import decode_heif, is_heif, size_of
+from roundel.solver.photos.raw_file import decode_raw, is_raw
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -37,8 +39,6 @@ MAX_PIXELS = 256_000_000
 
 # Formats whose readers only decode pixels: no PostScript, no layers, no documents.
 _FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM", "JPEG2000", "AVIF")
-_RAW = {".dng", ".nef", ".nrw", ".cr2", ".cr3", ".arw", ".orf", ".rw2", ".raf", ".pef", ".srw"}
-_HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
 _DNG_VERSION = 50706
 _BITS_PER_SAMPLE = 258
 
@@ -90,15 +90,20 @@ class Photo:
         return int(self.grey.shape[0])
 
 
-def read_photo(path: str | Path, curve: ResponseCurve | None = None) -> Photo:
-    """Read a photograph: JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF or PPM, with 8 or 16 bits or real numbers.
+def read_photo(path: str | Path, curve: ResponseCurve | None = None, page: int = 0) -> Photo:
+    """Read a photograph: JPEG, HEIC, AVIF, PNG, TIFF, WebP, JPEG 2000, BMP, GIF, PPM; raw files if rawpy is installed.
+
+    8 or 16 bits, or real numbers.
 
     Parameters
     ----------
     path : path
     curve : ResponseCurve, optional
         The curve to undo: `linear` for most machine-vision cameras. Default: the one that the file declares (ICC
-        profile, PNG's gAMA); without one, integers are sRGB-encoded (IEC 61966-2-1) and real numbers are linear.
+        profile, PNG's gAMA); without one, integers are sRGB-encoded (IEC 61966-2-1) and real numbers are linear. Raw
+        files are linear.
+    page : int
+        Of a TIFF, from 0; see `photo_inputs.pages_of`.
 
     Returns
     -------
@@ -115,24 +120,16 @@ def read_photo(path: str | Path, curve: ResponseCurve | None = None) -> Photo:
     except OSError as error:
         what = "it is a folder, not a photograph" if path.is_dir() else error.strerror or type(error).__name__
         raise DataError(f"{path}: cannot read: {what}") from error
-    problem = _unreadable(path, data)
-    if problem:
-        raise DataError(f"{path}: {problem}")
-    decoded = _decode(path, data)
+    if not data:
+        raise DataError(f"{path}: this file is empty")
+    if is_raw(path):
+        decoded = _decode_raw(path, data)
+    else:
+        decoded = _decode_heif(path, data) if is_heif(data) else _decode(path, data, page)
     try:
         return _photo(decoded, curve)
     except ValueError as error:
         raise DataError(f"{path}: {error}") from error
-
-
-def _unreadable(path: Path, data: bytes) -> str:
-    if not data:
-        return "this file is empty"
-    if data[4:8] == b"ftyp" and data[8:12] in _HEIF_BRANDS:
-        return "HEIC images are not supported; export it as JPEG, with its metadata"
-    if path.suffix.lower() in _RAW:
-        return "raw files are not supported; export it as JPEG or 16-bit TIFF, with its metadata"
-    return ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +142,54 @@ class _Decoded:
     jpeg: tuple[int, ...] | None
 
 
-def _decode(path: Path, data: bytes) -> _Decoded:
+def _decode_raw(path: Path, data: bytes) -> _Decoded:
+    try:
+        pixels = decode_raw(data, MAX_PIXELS)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+    return _Decoded(pixels, _raw_exif(data), LINEAR.because("raw files are linear"), None)
+
+
+def _raw_exif(data: bytes) -> ExifTags:
+    """Tags of a raw file; most are TIFFs whose first directory has those of the camera."""
+    from PIL import Image
+
+    with _quiet_and_large():
+        try:
+            with Image.open(io.BytesIO(data), formats=["TIFF"]) as image:
+                tags = read_exif(image)
+        # Whatever is wrong with the header, LibRaw has read the pixels.
+        except Exception:
+            return ExifTags(problem="no EXIF was found in this raw file")
+    # Its size is that of the preview or of the sensor with its margins: it does not tell whether it was cropped.
+    return replace(tags, width_px=None, height_px=None)
+
+
+def _decode_heif(path: Path, data: bytes) -> _Decoded:
+    with _quiet_and_large():
+        try:
+            _check_size(path, *size_of(data))
+            image, orientation = decode_heif(data)
+            exif = replace(read_exif(image), orientation=orientation)
+            return _Decoded(_array(image), exif, declared_curve(image.info), None)
+        except DataError as error:
+            raise DataError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+        # libheif's errors are of many types: ValueError, RuntimeError, EOFError, SyntaxError...
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise DataError(f"{path}: this image is truncated or corrupt ({reason})") from error
+
+
+def _check_size(path: Path, width_px: int, height_px: int) -> None:
+    count = width_px * height_px
+    if count > MAX_PIXELS:
+        raise DataError(
+            f"{path}: {width_px}x{height_px} px are {count / 1e6:.0f} megapixels; the limit is "
+            f"{MAX_PIXELS / 1e6:.0f}; reduce the image"
+        )
+
+
+def _decode(path: Path, data: bytes, page: int) -> _Decoded:
     from PIL import Image, UnidentifiedImageError
 
     with _quiet_and_large():
@@ -153,14 +197,11 @@ def _decode(path: Path, data: bytes) -> _Decoded:
             Image.init()
             formats = [name for name in _FORMATS if name in Image.OPEN]
             with Image.open(io.BytesIO(data), formats=formats) as image:
-                count = image.width * image.height
-                if count > MAX_PIXELS:
-                    raise DataError(
-                        f"{path}: {image.width}x{image.height} px are {count / 1e6:.0f} megapixels; the limit is "
-                        f"{MAX_PIXELS / 1e6:.0f}; reduce the image"
-                    )
+                if image.format == "TIFF" and page:
+                    image.seek(page)
+                _check_size(path, image.width, image.height)
                 if image.format == "TIFF" and _DNG_VERSION in getattr(image, "tag_v2", {}):
-                    raise DataError(f"{path}: raw files are not supported; export it as JPEG or 16-bit TIFF")
+                    raise DataError(f"{path}: a raw file; name it .dng")
                 deep = _is_deep_colour(image)
                 image.load()
                 # After loading, because Pillow turns TIFFs upright itself and then removes the tag.
@@ -172,13 +213,13 @@ def _decode(path: Path, data: bytes) -> _Decoded:
         except DataError:
             raise
         except UnidentifiedImageError as error:
-            raise DataError(f"{path}: not an image, or truncated; JPEG, PNG, TIFF and WebP are supported") from error
+            raise DataError(f"{path}: not an image, or truncated; JPEG, HEIC, PNG and TIFF are supported") from error
         # Damaged files make its readers raise many types: OSError, SyntaxError, ValueError, struct.error...
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise DataError(f"{path}: this image is truncated or corrupt ({reason})") from error
     if deep:
-        pixels = _deep_colour(data, pixels, exif.orientation)
+        pixels = _deep_colour(data, pixels, exif.orientation, page)
     return _Decoded(pixels, exif, declared, jpeg)
 
 
@@ -209,14 +250,19 @@ def _is_deep_colour(image: Image) -> bool:
     return any(";16" in str(tile) for tile in getattr(image, "tile", []))
 
 
-def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int) -> NDArray[Any]:
+def _deep_colour(data: bytes, shallow: NDArray[Any], orientation: int, page: int) -> NDArray[Any]:
     """All 16 bits of colour, read by OpenCV; Pillow's pixels are kept if the two images differ."""
     import cv2
 
     deep: NDArray[Any] | None
+    buffer = np.frombuffer(data, dtype=np.uint8)
     try:
-        deep = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
+        if page:
+            _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(page, page + 1))
+            deep = pages[0] if pages else None
+        else:
+            deep = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
+    except (cv2.error, TypeError):
         return shallow
     if deep is None or deep.dtype != np.uint16 or deep.ndim != 3:
         return shallow

@@ -12,9 +12,14 @@ import numpy as np
 
 from roundel.scenes.camera.model import camera_to_json
 from roundel.scenes.geometry.pose import tilt_azimuth_deg
+from roundel.solver.ambiguity.disambiguation import CONTRADICTORY
+from roundel.solver.ambiguity.normal_prior import FITS_NEITHER
 from roundel.solver.caveats import count_caveats
 from roundel.solver.estimates import NOT_FOUND, Estimate
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
+
+# The terminal shows the poses of so many circles of a photograph.
+_MOST_CIRCLES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,8 @@ class PhotoResult:
         Number of detections.
     overlay : str
         Path within the output folder; empty if there is none.
+    exif_problem : str
+        Why the focal length of the file's EXIF was not used where it would have been, as one clause; empty if it was.
     """
 
     file: str
@@ -48,6 +55,7 @@ class PhotoResult:
     estimates: list[Estimate] = field(default_factory=list)
     found: int = 0
     overlay: str = ""
+    exif_problem: str = ""
 
 
 def distance_m(estimate: Estimate, candidate: int) -> tuple[float, float | None]:
@@ -100,7 +108,35 @@ def line_of(result: PhotoResult) -> str:
     label, first = next(iter(result.cameras)), shown_estimates(result)
     distances = ", ".join(distance_label(e) for e in first[:4]) + (", ..." if len(first) > 4 else "")
     circles = "1 circle" if len(first) == 1 else f"{len(first)} circles"
-    return f"{result.file}: {circles} at {distances} ({result.cameras[label].basis})"
+    camera = result.cameras[label].basis + (f"; {result.exif_problem}" if result.exif_problem else "")
+    return f"{result.file}: {circles} at {distances} ({camera})"
+
+
+def pose_lines(result: PhotoResult) -> list[str]:
+    """Both candidate poses of each circle, a line each: distance, tilt, azimuth and probability; the chosen one named.
+
+    Below them, knowledge that fits neither. At most `_MOST_CIRCLES` circles: all are in the files.
+    """
+    shown = [estimate for estimate in shown_estimates(result) if estimate.normal is not None]
+    lines: list[str] = []
+    for estimate in shown[:_MOST_CIRCLES]:
+        name = f"circle {estimate.detection_id + 1}, " if len(shown) > 1 else ""
+        for k in range(len(estimate.normal or ())):
+            lines.append(f"{name}pose {k + 1}: {_pose_text(estimate, k)}")
+        if FITS_NEITHER in estimate.choice_basis or CONTRADICTORY in estimate.choice_basis:
+            lines.append(f"{name}the knowledge does not help: {estimate.choice_basis}")
+    if len(shown) > _MOST_CIRCLES:
+        lines.append(f"and {len(shown) - _MOST_CIRCLES} more circles, in the files")
+    return lines
+
+
+def _pose_text(estimate: Estimate, k: int) -> str:
+    record = candidate_record(estimate, k)
+    tilt = with_sigma(record["tilt_deg"], record.get("normal_sigma_deg"), "deg")
+    text = f"{with_sigma(*distance_m(estimate, k))}, tilt {tilt}, azimuth {record['azimuth_deg']:.0f} deg"
+    if record["probability"] is not None:
+        text += f" ({100 * record['probability']:.0f} %{', chosen' if estimate.chosen == k else ''})"
+    return text
 
 
 def readable(results: Sequence[PhotoResult], diameter_m: float) -> str:
@@ -126,6 +162,7 @@ def _photograph(frame_id: int, result: PhotoResult) -> dict[str, Any]:
         "file": result.file,
         "status": result.status,
         "reason": result.reason,
+        "exif_problem": result.exif_problem,
         "width_px": result.width_px,
         "height_px": result.height_px,
         "overlay": result.overlay,
@@ -163,13 +200,14 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
             out[name] = _finite(getattr(estimate, name))
         out["fit_used"], out["curve"] = estimate.fit_used, estimate.curve
     if estimate.normal is not None and estimate.centre_m is not None:
-        out["candidates"] = [_candidate(estimate, candidate) for candidate in range(len(estimate.normal))]
+        out["candidates"] = [candidate_record(estimate, candidate) for candidate in range(len(estimate.normal))]
     if estimate.centre_image is not None:
         out["centre_image_px"] = [float(v) for v in estimate.centre_image]
     return out
 
 
-def _candidate(estimate: Estimate, candidate: int) -> dict[str, Any]:
+def candidate_record(estimate: Estimate, candidate: int) -> dict[str, Any]:
+    """One candidate pose as plain values: probability, distance, tilt, azimuth, normal, centre, their deviations."""
     assert estimate.normal is not None
     assert estimate.centre_m is not None
     distance, sigma = distance_m(estimate, candidate)

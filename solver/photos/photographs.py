@@ -17,6 +17,7 @@ from roundel.scenes.camera.response_curve import UNKNOWN, ResponseCurve, parse_c
 from roundel.scenes.errors import DataError, RoundelError, UsageError
 from roundel.solver.ambiguity.disambiguation import Knowledge, check_knowledge
 from roundel.solver.estimates import ESTIMATES, NOT_FOUND, Estimate, write_estimates
+from roundel.solver.intrinsics.exif import NoFocal, focal_of_exif
 from roundel.solver.intrinsics.specification import Intrinsics, parse_intrinsics, uncertain_camera_for
 from roundel.solver.intrinsics.uncertain_camera import UncertainCamera
 from roundel.solver.methods.plugin import Finder, View
@@ -26,11 +27,14 @@ from roundel.solver.methods.solve_image import NO_CIRCLE, SolverInput, solve_ima
 from roundel.solver.methods.worker_start import after_warm_up, one_opencv_thread, pickled
 from roundel.solver.photos.overlay import Drawn, draw_overlay
 from roundel.solver.photos.photo_file import Photo, read_photo
+from roundel.solver.photos.photo_inputs import PhotoInput, find_photographs
 from roundel.solver.photos.photo_report import PhotoResult, caveat_lines, distance_label, readable, shown_estimates
+from roundel.solver.photos.photo_table import photo_table
 
 Progress = Callable[[int, int], None]
 
 READABLE = "estimates.json"
+TABLE = "estimates.csv"
 OVERLAYS = "overlays"
 
 
@@ -53,9 +57,10 @@ def solve_photographs(
     Parameters
     ----------
     paths : sequence of path
-        Image files; the position in this list is the `frame_id`.
+        Image files, folders of them, or patterns such as `shots/*.jpg`; each page of a TIFF is a photograph. The
+        position among all photographs is the `frame_id`; see `find_photographs`.
     out_path : path
-        Folder for `estimates.parquet`, `estimates.json` and `overlays/`.
+        Folder for `estimates.parquet`, `estimates.json`, `estimates.csv` and `overlays/`.
     diameter_m : float
         Outer diameter of the printed circles.
     methods : sequence of str
@@ -75,13 +80,13 @@ def solve_photographs(
     Returns
     -------
     list of PhotoResult
-        One for each path.
+        One for each photograph.
 
     Raises
     ------
     UsageError
-        If an argument is wrong (such as a curve that does not exist), the folder is a dataset, or the intrinsics need a
-        camera that no photograph has.
+        If an argument is wrong (such as a curve that does not exist, or a folder without photographs), the folder is a
+        dataset, or the intrinsics need a camera that no photograph has.
     DataError
         If the result cannot be written, or a process died.
     """
@@ -96,27 +101,30 @@ def solve_photographs(
         if spec.kind in ("true", "scaled"):
             raise UsageError(f"--intrinsics {spec.label}: a photograph's camera is not known; use exif or default")
     out = Path(out_path)
-    photographs = [(i, Path(p), name) for i, (p, name) in enumerate(zip(paths, _overlay_names(paths), strict=True))]
+    found = find_photographs(paths)
+    names = zip(found, _overlay_names(found), strict=True)
+    photographs = [(i, photo, name) for i, (photo, name) in enumerate(names)]
     run = _Run(out, diameter_m, loaded, tuple(absolute_names(methods)), specs, knowledge, asked)
     results: list[PhotoResult] = []
     with closing(_solved(run, photographs, jobs)) as solved:
         for result in solved:
             if progress:
-                progress(len(results), len(paths))
+                progress(len(results), len(found))
             results.append(result)
     if progress:
-        progress(len(paths), len(paths))
+        progress(len(found), len(found))
     write_estimates([e for result in results for e in result.estimates], out / ESTIMATES)
     write_file(out / READABLE, readable(results, diameter_m).encode())
+    write_file(out / TABLE, photo_table(results).encode())
     return results
 
 
-def _overlay_names(paths: Sequence[str | Path]) -> list[str]:
+def _overlay_names(photographs: Sequence[PhotoInput]) -> list[str]:
     """A file name for each photograph's picture; duplicates are numbered, also if they only differ in case."""
     taken: set[str] = set()
     names = []
-    for path in paths:
-        stem, name, number = Path(path).stem, Path(path).stem, 2
+    for photo in photographs:
+        stem, name, number = photo.stem, photo.stem, 2
         while name.lower() in taken:
             name, number = f"{stem}-{number}", number + 1
         taken.add(name.lower())
@@ -137,8 +145,8 @@ class _Run:
     curve: ResponseCurve | None
 
 
-# Position, file, and file name of the picture.
-_Photograph = tuple[int, Path, str]
+# Position, photograph, and file name of the picture.
+_Photograph = tuple[int, PhotoInput, str]
 
 
 def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[PhotoResult, None, None]:
@@ -150,7 +158,7 @@ def _solved(run: _Run, photographs: list[_Photograph], jobs: int) -> Generator[P
     died = "the solving processes died as they started; free some memory, or use fewer --jobs"
     for result in in_order(jobs, _work, after_warm_up(photographs), _start_worker, (shared, run.asked), died):
         if isinstance(result, Lost):
-            raise DataError(f"{result.item[1]}: {result}; run the command again without it")
+            raise DataError(f"{result.item[1].name}: {result}; run the command again without it")
         yield result
 
 
@@ -168,16 +176,16 @@ def _work(photograph: _Photograph) -> PhotoResult:
 
 
 def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
-    frame_id, path, overlay = photograph
+    frame_id, source, overlay = photograph
     diameter_m, specs = run.diameter_m, run.specs
     try:
-        photo = read_photo(path, run.curve)
+        photo = read_photo(source.path, run.curve, source.page)
     except DataError as error:
-        reason = str(error).removeprefix(f"{path}: ")
+        reason = str(error).removeprefix(f"{source.path}: ")
         labels = [spec.label for spec in specs] if specs else ["default"]
         rows = [Estimate(frame_id, NOT_FOUND, m, label, "failed", reason) for m in run.methods for label in labels]
-        return PhotoResult(path.as_posix(), "failed", reason, estimates=rows)
-    cameras, refused = _cameras(photo, specs)
+        return PhotoResult(source.name, "failed", reason, estimates=rows)
+    cameras, refused, exif_problem = _cameras(photo, specs)
 
     def view(given: UncertainCamera) -> View:
         picture, curve = photo.picture.copy(), photo.photometry.curve
@@ -193,7 +201,7 @@ def _solve_one(run: _Run, photograph: _Photograph) -> PhotoResult:
     status = "failed" if refused else "ok" if found else "no circle"
     file = f"{OVERLAYS}/{overlay}"
     size = photo.width_px, photo.height_px
-    result = PhotoResult(path.as_posix(), status, reason, *size, cameras, estimates, found, file)
+    result = PhotoResult(source.name, status, reason, *size, cameras, estimates, found, file, exif_problem)
     write_file(run.out / file, _picture(photo, result, diameter_m))
     return result
 
@@ -203,19 +211,21 @@ def _why_nothing(estimates: list[Estimate]) -> str:
     return estimates[0].reason if estimates else NO_CIRCLE
 
 
-def _cameras(photo: Photo, specs: list[Intrinsics] | None) -> tuple[dict[str, UncertainCamera], dict[str, str]]:
-    """A camera for each label, and the reason for each label that has none."""
+def _cameras(photo: Photo, specs: list[Intrinsics] | None) -> tuple[dict[str, UncertainCamera], dict[str, str], str]:
+    """A camera for each label, the reason for each label that has none, and why EXIF was not used by default."""
+    size = photo.width_px, photo.height_px
+    if specs is None:
+        focal = focal_of_exif(photo.exif, *size)
+        label, problem = ("default", focal.reason) if isinstance(focal, NoFocal) else ("exif", "")
+        return {label: uncertain_camera_for(parse_intrinsics(label), None, *size, exif=photo.exif)}, {}, problem
     cameras: dict[str, UncertainCamera] = {}
     refused: dict[str, str] = {}
-    size = photo.width_px, photo.height_px
-    for spec in specs or [parse_intrinsics("exif")]:
+    for spec in specs:
         try:
             cameras[spec.label] = uncertain_camera_for(spec, None, *size, exif=photo.exif)
         except RoundelError as error:
             refused[spec.label] = str(error)
-    if specs is None and not cameras:
-        return {"default": uncertain_camera_for(parse_intrinsics("default"), None, *size)}, {}
-    return cameras, refused
+    return cameras, refused, ""
 
 
 def _picture(photo: Photo, result: PhotoResult, diameter_m: float) -> bytes:
@@ -224,7 +234,8 @@ def _picture(photo: Photo, result: PhotoResult, diameter_m: float) -> bytes:
 
     drawn = [Drawn(e, diameter_m, distance_label(e)) for e in shown_estimates(result)]
     camera, reason = next(iter(result.cameras.values()), None), result.reason
-    basis = f"Camera: {camera.basis}." if camera is not None else ""
+    problem = f"; {result.exif_problem}" if result.exif_problem else ""
+    basis = f"Camera: {camera.basis}{problem}." if camera is not None else ""
     footer = f"{reason[:1].upper()}{reason[1:]}. {basis}" if reason else f"{basis} Marker: {1000 * diameter_m:g} mm."
     caveats = caveat_lines(result)
     if caveats:

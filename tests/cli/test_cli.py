@@ -216,7 +216,7 @@ def test_photographs_from_the_command(photograph: Path, tmp_path: Path, capsys) 
     assert code == 0
     assert "1 circle at" in out
     assert "default phone model: 29.95 mm" in out
-    assert {p.name for p in (tmp_path / "o").iterdir()} == {"estimates.parquet", "estimates.json", "overlays"}
+    assert {p.name for p in (tmp_path / "o").iterdir()} == {"estimates.parquet", "estimates.json", "estimates.csv", "overlays"}
     cut = tmp_path / "cut.png"
     cut.write_bytes(photograph.read_bytes()[:500])
     code, out, err = call(capsys, "solve", cut, photograph, tmp_path / "o2", "--diameter-m", "0.08")
@@ -244,7 +244,7 @@ def test_wrong_arguments_about_photographs(photograph: Path, finished: Path, tmp
     refused(capsys, 2, "is a file", "solve", photograph, photograph, "--diameter-m", 1)
     refused(capsys, 2, "leave it out", "solve", dataset, out, "--diameter-m", 1)
     refused(capsys, 2, "a single dataset", "solve", dataset, photograph, out, "--diameter-m", 1)
-    refused(capsys, 2, "give the images by name", "solve", photograph.parent, out, "--diameter-m", 1)
+    refused(capsys, 2, "no photographs match", "solve", photograph.parent / "*.jpg", out, "--diameter-m", 1)
     refused(capsys, 2, "did you mean wall", "solve", photograph, out, "--diameter-m", 1, "--knowledge", "wal")
     assert not out.exists()
 
