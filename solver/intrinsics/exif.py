@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from roundel.scenes.camera.film import FILM_DIAGONAL_MM
 
 if TYPE_CHECKING:
-    from PIL.Image import Image
+    from PIL.Image import Exif, Image
 
 
 # Difference between the nominal focal length and that of a photograph: focus alone lengthens a 5 mm lens by 1.7 % at
@@ -99,10 +100,26 @@ class NoFocal:
 
 def read_exif(image: Image) -> ExifTags:
     """Tags of an image that Pillow has opened; never raises, whatever the tags contain."""
+    return _read(image.getexif)
+
+
+def read_tiff_exif(data: bytes) -> ExifTags:
+    """Tags of a file with the structure of a TIFF that Pillow cannot open, such as a DNG; never raises."""
+    from PIL.Image import Exif
+
+    def load() -> Exif:
+        found = Exif()
+        found.load(data)
+        return found
+
+    return _read(load)
+
+
+def _read(load: Callable[[], Exif]) -> ExifTags:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of corrupt blocks; `problem` reports them
         try:
-            top = image.getexif()
+            top = load()
             if not len(top):
                 return ExifTags(problem="the file has no EXIF")
             # The EXIF directory has the focal length; some writers put its tags into the first directory.

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from roundel.scenes.camera.response_curve import LINEAR, SRGB, ResponseCurve
 from roundel.scenes.camera.srgb import linear_to_srgb
 from roundel.scenes.errors import DataError
-from roundel.solver.intrinsics.exif import ExifTags, read_exif
+from roundel.solver.intrinsics.exif import ExifTags, read_exif, read_tiff_exif
 from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
 from roundel.solver.photometry.jpeg_rounding import luminance_table
 from roundel.solver.photometry.photometry import Photometry, level_step
@@ -152,17 +152,8 @@ def _decode_raw(path: Path, data: bytes) -> _Decoded:
 
 def _raw_exif(data: bytes) -> ExifTags:
     """Tags of a raw file; most are TIFFs whose first directory has those of the camera."""
-    from PIL import Image
-
-    with _quiet_and_large():
-        try:
-            with Image.open(io.BytesIO(data), formats=["TIFF"]) as image:
-                tags = read_exif(image)
-        # Whatever is wrong with the header, LibRaw has read the pixels.
-        except Exception:
-            return ExifTags(problem="no EXIF was found in this raw file")
     # Its size is that of the preview or of the sensor with its margins: it does not tell whether it was cropped.
-    return replace(tags, width_px=None, height_px=None)
+    return replace(read_tiff_exif(data), width_px=None, height_px=None)
 
 
 def _decode_heif(path: Path, data: bytes) -> _Decoded:

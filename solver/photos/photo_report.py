@@ -121,7 +121,7 @@ def pose_lines(result: PhotoResult) -> list[str]:
     lines: list[str] = []
     for estimate in shown[:_MOST_CIRCLES]:
         name = f"circle {estimate.detection_id + 1}, " if len(shown) > 1 else ""
-        for k in range(len(estimate.normal or ())):
+        for k in range(0 if estimate.normal is None else len(estimate.normal)):
             lines.append(f"{name}pose {k + 1}: {_pose_text(estimate, k)}")
         if FITS_NEITHER in estimate.choice_basis or CONTRADICTORY in estimate.choice_basis:
             lines.append(f"{name}the knowledge does not help: {estimate.choice_basis}")

@@ -216,7 +216,12 @@ def test_photographs_from_the_command(photograph: Path, tmp_path: Path, capsys) 
     assert code == 0
     assert "1 circle at" in out
     assert "default phone model: 29.95 mm" in out
-    assert {p.name for p in (tmp_path / "o").iterdir()} == {"estimates.parquet", "estimates.json", "estimates.csv", "overlays"}
+    assert {p.name for p in (tmp_path / "o").iterdir()} == {
+        "estimates.parquet",
+        "estimates.json",
+        "estimates.csv",
+        "overlays",
+    }
     cut = tmp_path / "cut.png"
     cut.write_bytes(photograph.read_bytes()[:500])
     code, out, err = call(capsys, "solve", cut, photograph, tmp_path / "o2", "--diameter-m", "0.08")
