@@ -13,8 +13,9 @@ from roundel.scenes.world.frame import group_ranges
 
 # Frames that are rendered, and those that are placed to see the ranges of sizes and distances.
 MOST_FRAMES, MOST_PLACED = 12, 24
-# A frame in a world costs about so many on a plain wall: its meshes, textures and paths.
-_COST_OF_A_WORLD, _MOST_COST = 5, 27
+# A frame in a world costs about so many on a plain wall: its meshes, textures and paths. The first frames of groups may
+# cost `_MOST_OF_FIRST` together.
+_COST_OF_A_WORLD, _MOST_COST, _MOST_OF_FIRST = 5, 20, 30
 
 
 def spread_ids(ids: range, count: int) -> list[int]:
@@ -32,13 +33,15 @@ def spread_ids(ids: range, count: int) -> list[int]:
 def chosen_ids(study: Study) -> dict[str, list[int]]:
     """Frame ids to render, by group: one of each group in turn, until their number or their cost is reached.
 
-    Groups come in the order of the study; of more groups than frames the first have one each.
+    Groups come in the order of the study; of more groups than frames the first have one each. The first frame of a
+    group may cost more than further ones: a group without a picture tells little.
     """
     counts = dict.fromkeys(study.groups, 0)
     ranges, cost = group_ranges(study), 0
     for name in _in_turn(ranges):
         cost += _cost(study.groups[name])
-        if cost > _MOST_COST or sum(counts.values()) == MOST_FRAMES:
+        most = _MOST_COST if counts[name] else _MOST_OF_FIRST
+        if cost > most or sum(counts.values()) == MOST_FRAMES:
             break
         counts[name] += 1
     return {name: spread_ids(ranges[name], count) for name, count in counts.items() if count}
