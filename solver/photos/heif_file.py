@@ -8,7 +8,7 @@ and is to be ignored (ISO/IEC 23008-12).
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from roundel.scenes.errors import DataError
 
@@ -33,7 +33,8 @@ def is_heif(data: bytes) -> bool:
 
 def size_of(data: bytes) -> tuple[int, int]:
     """Width and height of the primary image, before it is decoded."""
-    return _opened(data).size
+    width, height = _opened(data).size
+    return int(width), int(height)
 
 
 def decode_heif(data: bytes) -> tuple[Image, int]:
@@ -48,7 +49,7 @@ def decode_heif(data: bytes) -> tuple[Image, int]:
     return image, int(image.info.get("original_orientation") or 1)
 
 
-def _opened(data: bytes):  # type: ignore[no-untyped-def]
+def _opened(data: bytes) -> Any:
     try:
         import pi_heif
     except ImportError as error:
