@@ -13,10 +13,10 @@ from roundel.cli.parser import build_parser
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from roundel.cli.verbs import chain, datasets, exports
+    from roundel.cli.verbs import chain, datasets, exports, reports
 
     name = f"do_{arguments.verb}"
-    found = next(module for module in (datasets, exports, chain) if hasattr(module, name))
+    found = next(module for module in (datasets, exports, reports, chain) if hasattr(module, name))
     action: Callable[[argparse.Namespace], int] = getattr(found, name)
     return action(arguments)
 

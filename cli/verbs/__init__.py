@@ -8,5 +8,6 @@ gate: `roundel gate`, `roundel baseline` and `roundel compare`: reports held aga
 league: `roundel league`: run every entry over the study, score a submission, hold a part back
 photos: Verbs for photographs, videos and printed markers
 preview: `roundel preview`: a few frames of a study on a page, before it is rendered
+reports: The verbs that take reports: compare, league, gate, baseline
 studies: Shipped studies by name: listed, printed, copied as a starting point
 """

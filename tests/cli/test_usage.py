@@ -23,7 +23,7 @@ SUGGESTIONS = {
     "baseline acept r": "roundel baseline: unknown action 'acept'; did you mean accept?",
 }
 OTHERS = {
-    "zzz": "roundel: unknown verb 'zzz'; use one of check, studies,",
+    "zzz": "roundel: unknown verb 'zzz'; use one of check, preview, studies,",
     "render x y --zzz": "roundel render: unknown option --zzz; see `roundel render --help`",
     "render x y z": "roundel render: unexpected argument 'z'; see `roundel render --help`",
     "render x": "roundel render: the following arguments are required: DATASET; see `roundel render --help`",

@@ -204,7 +204,7 @@ def test_a_report_of_centres_alone_says_that_it_has_no_poses(dataset, tmp_path):
     html = (tmp_path / "report" / "report.html").read_text()
     assert "Method blobs found 4 of 4 circles in 4 frames" in html
     assert "It gives no poses. The median distance of its centres is" in html
-    assert "of 4 circles found, without a pose" in html
+    assert "of 4 circles found by blobs, without a pose" in html
     assert "explain one image of a circle equally well" not in html
     assert "<b>-" not in html
 

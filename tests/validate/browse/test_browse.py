@@ -173,8 +173,8 @@ def test_scores_are_those_of_the_report(dataset: Dataset, report: Path, tmp_path
     data = data_of(tmp_path / "page")
     # A board in the dataset is a reference of its own, which solves none of these discs.
     assert data["runs"] == ["aa_other, true", "ml, true", "ml, focal x 0.7", "the chessboard's own pose, true"]
-    assert data["run"] == 1  # the study's method, with the true focal length
-    assert '<script src="scores/001.js">' in (tmp_path / "page" / "index.html").read_text()
+    assert data["run"] == 0  # a method that is not Roundel's own is the user's, and leads
+    assert '<script src="scores/000.js">' in (tmp_path / "page" / "index.html").read_text()
     (shard,) = data["shards"]
     keys = [
         (shard["frames"]["id"][f], m) for f, m in zip(shard["markers"]["frame"], shard["markers"]["id"], strict=True)

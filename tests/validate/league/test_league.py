@@ -237,7 +237,7 @@ def test_submissions_that_cannot_be_compared(league, made, tmp_path):
     with pytest.raises(NotComparableError, match=r"no row for 1 of the 4 frames of disc, the first 0;"):
         submitted_outcomes(short, league)
     other = csv_of(league, tmp_path / "other.csv", frames, dataset_id="0123456789ab")
-    with pytest.raises(NotComparableError, match=r"of dataset '0123456789ab', but .* is [0-9a-f]{12}; solve"):
+    with pytest.raises(NotComparableError, match=r"of dataset 0123456789ab, but .* is [0-9a-f]{12}; give"):
         submitted_outcomes(other, league)
     table = pa_csv.read_csv(other).drop_columns(["dataset_id"])
     pa_csv.write_csv(table, tmp_path / "bare.csv")
