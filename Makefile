@@ -4,6 +4,7 @@ PYTHON ?= python3
 PYTEST_FLAGS ?=
 # Two processes, each with whole files: their fixtures are costly and are made once.
 PYTEST_JOBS ?= 2
+GATE_JOBS ?= 2
 BENCH_FLAGS ?=
 BENCH_PYTHON ?= python3.11
 FUZZ_SECONDS ?= 300
@@ -64,7 +65,7 @@ links:
 	@for file in __init__.py py.typed; do ln -s "$(CURDIR)/roundel/$$file" ".links/roundel/$$file"; done
 
 gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet
-	$(BIN)/roundel run configs/benchmark.yaml out/benchmark
+	$(BIN)/roundel run configs/benchmark.yaml out/benchmark --jobs $(GATE_JOBS)
 	$(BIN)/roundel gate out/benchmark/report --baseline benchmarks/baseline.parquet --junit out/benchmark/gate.xml
 
 bench: env ## speed and accuracy against peers
