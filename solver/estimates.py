@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from roundel.datasets.store.writing import sha256, write_file
 from roundel.scenes.camera.model import Camera
 from roundel.scenes.geometry.conic import Ellipse
+from roundel.scenes.geometry.pose import tilt_azimuth_deg
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -163,10 +164,7 @@ class Estimate:
     @property
     def tilt_deg(self) -> Array | None:
         """Angle between -normal and the optical axis for each candidate, (2,) degrees; None without poses."""
-        if self.normal is None:
-            return None
-        across, along = np.hypot(self.normal[:, 0], self.normal[:, 1]), -self.normal[:, 2]
-        return np.asarray(np.degrees(np.arctan2(across, along)))
+        return None if self.normal is None else tilt_azimuth_deg(self.normal)[0]
 
     def rows(self) -> list[dict[str, Any]]:
         """Rows of `estimates.parquet`: one per candidate; one for a failure or an estimate without a pose."""
