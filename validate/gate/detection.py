@@ -108,7 +108,7 @@ def _confidence(run: str, frames: NDArray[np.int64], new: _Side, old: _Side) -> 
     if len(old.stated) < MIN_CIRCLES:
         return [], []
     if len(new.stated) < MIN_CIRCLES:
-        sentence = f"confidence: stated for {len(old.stated)} detections before, now for {len(new.stated)}"
+        sentence = f"confidence given: stated for {len(old.stated)} detections before, now for {len(new.stated)}"
         return [], [Check(run, "confidence given", "worse", sentence)]
     test = mean_ratio_test(new.brier(frames), old.brier(frames), alpha=ALPHA)
     means = [float(total.sum() / count.sum()) for total, count in (side.brier(frames) for side in (old, new))]
@@ -124,5 +124,5 @@ def _constant(run: str, new: Array, old: Array) -> list[Check]:
     most = int(np.unique(old, return_counts=True)[1].max())
     if np.ptp(new) > 0 or most > _ALIKE * len(old):
         return []
-    sentence = f"confidence: {new[0]:g} for all {len(new)} detections; it told them apart before"
-    return [Check(run, "confidence varies", "worse", sentence)]
+    sentence = f"one confidence for all: {new[0]:g} for all {len(new)} detections; it told them apart before"
+    return [Check(run, "one confidence for all", "worse", sentence)]

@@ -44,13 +44,13 @@ def constant(side: Baseline, value: float) -> Baseline:
 def test_confidence_of_one_for_all_is_red_and_named() -> None:
     old = detections(1, images="same")
     found = worse(gate(constant(old, 1.0), old))
-    assert list(found) == ["confidence varies", "confidence"]
-    assert "1 for all" in found["confidence varies"]
+    assert list(found) == ["one confidence for all", "confidence"]
+    assert "1 for all" in found["one confidence for all"]
     assert "-> 100.0 % stated, 91." in found["confidence"]
     # Where nothing is wrong they are no less true, and tell nothing any more.
     side = method_scores(1, n=N, images="same")
     clean = with_detections(side, np.random.default_rng(1).beta(8, 2, N), {})
-    assert list(worse(gate(constant(clean, 1.0), clean))) == ["confidence varies"]
+    assert list(worse(gate(constant(clean, 1.0), clean))) == ["one confidence for all"]
     # A method that never told is not asked to.
     assert gate(constant(detections(1), 1.0), constant(detections(2), 1.0)).passed
 

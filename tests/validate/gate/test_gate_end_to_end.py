@@ -112,7 +112,7 @@ CHANGES: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
         lambda row: {**row, "probability": 1 - row["probability"]},
         "probability of the likelier candidate",
     ),
-    "certain": (lambda row: {**row, "confidence": 1.0}, "confidence"),
+    "certain": (lambda row: {**row, "confidence": 1.0}, "one confidence for all"),
 }
 
 
