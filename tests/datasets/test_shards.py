@@ -219,6 +219,7 @@ def test_another_study_does_not_repair(whole: Path, tmp_path: Path, capsys) -> N
     assert digests(tmp_path / "ds") == digests(whole)
 
 
+@pytest.mark.slow
 def test_several_processes_give_the_bytes_of_one(whole: Path, tmp_path: Path) -> None:
     # Processes are started fresh, with shards as large as they are by default: two of them, of points.
     edits = (*TINY[:3], ("frames: 4", "groups: {drawn: {mode: points, frames: 1100}, seen: {frames: 2}}"))

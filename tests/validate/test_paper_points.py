@@ -17,7 +17,6 @@ from roundel.validate.validate import validate_dataset
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "paper_points.yaml"
 TRIALS_OF_TABLES = 300
-TRIALS = 100
 
 # distance_D: by tilt of 15, 30, 45 degrees.
 NORMAL_DEG = {
@@ -54,11 +53,12 @@ REPROJECTION_PX = {
 }
 
 
-@pytest.fixture(scope="module")
-def scores(tmp_path_factory) -> dict:
-    """Errors by (intrinsics, distance_D, tilt_deg)."""
+@pytest.fixture(scope="module", params=[30, pytest.param(TRIALS_OF_TABLES, marks=pytest.mark.slow)])
+def scores(request, tmp_path_factory) -> dict:
+    """Errors by (intrinsics, distance_D, tilt_deg), from a tenth of the trials of the tables and from as many."""
+    trials = request.param
     folder = tmp_path_factory.mktemp("paper")
-    text = CONFIG.read_text().replace("frames_per_cell: 300", f"frames_per_cell: {TRIALS}")
+    text = CONFIG.read_text().replace("frames_per_cell: 300", f"frames_per_cell: {trials}")
     # The tables of N = 200 are not needed here; half the time is.
     text = text.replace("  n200: {points: {count: 200, sigma_px: 1}}\n", "")
     (folder / "study.yaml").write_text(text)
@@ -68,7 +68,7 @@ def scores(tmp_path_factory) -> dict:
     solve_dataset(folder / "dataset", folder / "estimates", methods=("ml",), intrinsics=tuple(study.solve.intrinsics))
     validate_dataset(folder / "dataset", [folder / "estimates"], folder / "report")
     rows = pq.read_table(folder / "report" / "scores.parquet").to_pylist()
-    assert len(rows) == 24 * TRIALS * 5
+    assert len(rows) == 24 * trials * 5
     assert all(row["solved"] for row in rows)
     cells: dict = {}
     for row in rows:

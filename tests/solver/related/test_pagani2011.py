@@ -34,10 +34,11 @@ def exact_circle(pose: np.ndarray, K: np.ndarray) -> CircleImage:
     return CircleImage(ellipse_of_conic(conic), np.zeros((5, 5)), conic, 1.0, nothing, fit)
 
 
-def test_exact_ellipses_and_prints_give_the_exact_pose_over_500_scenes_or_both_at_low_tilt() -> None:
+@pytest.mark.parametrize("scenes", [82, pytest.param(500, marks=pytest.mark.slow)])  # each of the 41 prints twice
+def test_exact_ellipses_and_prints_give_the_exact_pose_or_both_at_low_tilt(scenes: int) -> None:
     rng = np.random.default_rng(1)
     both, wrong, worst = 0, 0, 0.0
-    for n in range(500):
+    for n in range(scenes):
         pose, K = small_view(rng, semi_px=(24.0, 34.0), tilt_deg=(0.0, 65.0))
         discs, weights = crowns(ring_code_radii(n % 41))
         covered = coverage_of(PLACES, plane_homography(pose, K), discs, 0.36).covered @ weights
@@ -54,7 +55,7 @@ def test_exact_ellipses_and_prints_give_the_exact_pose_over_500_scenes_or_both_a
     # The pose itself is that of the ellipse, in closed form.
     assert worst < 1e-6
     assert wrong == 0
-    assert both < 200
+    assert both < 0.4 * scenes
 
 
 @pytest.mark.parametrize("kind", ["ring", "rings", "coded_rings", "disc_with_tick", "ring_code"])
