@@ -44,14 +44,14 @@ def progress(what: str) -> Iterator[Show]:
 
             yield update
         return
-    started = said = time.monotonic()
+    started = printed = time.monotonic()
 
     def line(done: int, total: int, *, step: str | None = None) -> None:
-        nonlocal said
+        nonlocal printed
         stop_if_interrupted()
         now = time.monotonic()
-        if (done == total and step is None) or now - said >= _SECONDS_BETWEEN_LINES:
-            said = now
+        if (done == total and step is None) or now - printed >= _SECONDS_BETWEEN_LINES:
+            printed = now
             print(f"{step or what}: {done} of {total} frames, {now - started:.0f} s", file=sys.stderr, flush=True)
 
     yield line

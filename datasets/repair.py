@@ -148,8 +148,8 @@ def _clean_shard(folder: Store, shard: Shard, study: Study, found: Damage) -> No
     state = progress_of(folder, shard, study)
     found.notes += state.notes
     own = set(image_ids(study, shard))
-    for stray in set(state.entries) - own:
-        del state.entries[stray]
+    for unknown in set(state.entries) - own:
+        del state.entries[unknown]
     state.drop_damaged()
     missing = sorted(own - set(state.entries))
     found.frames += missing

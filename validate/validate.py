@@ -163,7 +163,7 @@ def _write_report(
         filled_in=found.filled_in,
         calibrations=calibrations.several.records if calibrations.several else [],
         calibration_subsets=calibrations.several.subsets if calibrations.several else [],
-        worth=benefit_record(benefit) if benefit else None,
+        benefit=benefit_record(benefit) if benefit else None,
         sweeps=sweep_summary(sweeps_of(scores.table, dataset.study)),
         verdicts=[verdict_record(verdict) for verdict in verdicts],
         checksums=checksums,

@@ -1,8 +1,8 @@
 """How often is the ambiguity resolved? Every kind of prior knowledge on rendered frames.
 
-    python benchmarks/ambiguity/ambiguity.py [--folder out/ambiguity] [--page]
+    python benchmarks/ambiguity/ambiguity.py [--folder out/ambiguity] [--page] [--study FILE]
 
-Renders `ambiguity.yaml` into FOLDER unless it is there, observes each circle with the `pixels` method, once with its
+Renders `ambiguity.yaml`, or a copy of it with another seed, into FOLDER unless it is there, observes each circle with the `pixels` method, once with its
 true camera and once with `default` intrinsics, declares each kind of knowledge of it (`declared.py`), and prints how
 often the stated probabilities decide and how often they are right. `--page` writes the tables to `ambiguity.md`, and
 the figure to `docs/ambiguity/ambiguity.svg`. Exits with status 1 if the probabilities of a kind that `--knowledge`
@@ -46,8 +46,9 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--folder", type=Path, default=Path("out/ambiguity"))
     parser.add_argument("--page", action="store_true")
+    parser.add_argument("--study", type=Path, default=STUDY)
     arguments = parser.parse_args()
-    dataset = rendered(arguments.folder / "dataset")
+    dataset = rendered(arguments.folder / "dataset", arguments.study)
     lines: list[Line] = []
     missed: dict[str, int] = {}
     for circle in circles(dataset):
@@ -74,10 +75,10 @@ def main() -> int:
     return int(bool(wrong))
 
 
-def rendered(folder: Path) -> Dataset:
+def rendered(folder: Path, study: Path) -> Dataset:
     """The study's dataset, rendered once."""
     if not (folder / "manifest.json").exists():
-        render_study(load_study(STUDY), folder)
+        render_study(load_study(study), folder)
     return open_dataset(folder)
 
 

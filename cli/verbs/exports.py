@@ -30,8 +30,8 @@ def do_export(arguments: argparse.Namespace) -> int:
             arguments.url,
             show,
         )
-    said = ", ".join(f"{name} {count}" for name, count in counts.items())
-    print(f"{arguments.out}: {arguments.format}, {sum(counts.values())} frames ({said})")
+    numbers = ", ".join(f"{name} {count}" for name, count in counts.items())
+    print(f"{arguments.out}: {arguments.format}, {sum(counts.values())} frames ({numbers})")
     print(f"not held by {arguments.format}: {'; '.join(FORMATS[arguments.format].left_out)}")
     return 0
 

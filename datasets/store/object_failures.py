@@ -46,8 +46,8 @@ def failure(place: str, error: Exception) -> RoundelError:
     if code is not None and code[1] in ("NoSuchBucket", "ContainerNotFound"):
         return DataError(f"{place}: there is no such bucket")
     if kind in ("PermissionDeniedError", "UnauthenticatedError"):
-        said = f" ({code[1]})" if code else ""
-        return DataError(f"{place}: the store refuses access{said}; check the credentials and what they may do")
+        answer = f" ({code[1]})" if code else ""
+        return DataError(f"{place}: the store refuses access{answer}; check the credentials and what they may do")
     if is_taken(error):
         return DataError(f"{place}: somebody else has written it")
     if kind in ("NotSupportedError", "NotImplementedError"):

@@ -3,7 +3,7 @@
     python docs/verdicts/make.py PICTURES RUN...
 
 RUN is an output folder of `roundel run`, with `dataset` and `report` in it. The report's figures are copied to PICTURES
-as `verdict-STUDY-CLAIM.svg` and `worth-STUDY.svg`; the table is written to standard output.
+as `verdict-STUDY-CLAIM.svg` and `benefit-STUDY.svg`; the table is written to standard output.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def copy_figures(run: Path, pictures: Path) -> tuple[str, dict[str, dict[str, An
     figures = run / "report" / FOLDER
     for verdict in summary["verdicts"]:
         shutil.copyfile(figures / f"verdict-{verdict['key']}.svg", pictures / f"verdict-{study}-{verdict['key']}.svg")
-    if summary["worth"]:
-        shutil.copyfile(figures / "worth.svg", pictures / f"worth-{study}.svg")
+    if summary["benefit"]:
+        shutil.copyfile(figures / "benefit.svg", pictures / f"benefit-{study}.svg")
     return study, {v["key"]: v for v in summary["verdicts"]}
 
 

@@ -115,7 +115,7 @@ def _field_of_view(group: GroupSection, ranges: dict[Key, Range]) -> Iterator[tu
     key, low_px, high_px = _focal_px(ranges)
     diagonal_px = math.hypot(group.camera.width_px, group.camera.height_px)
     fisheye = group.camera.distortion_model == "fisheye"
-    widest = field_of_view_deg(low_px, diagonal_px, fisheye)
+    widest = angle_of_view_deg(low_px, diagonal_px, fisheye)
     in_mm = key[-1] == "focal_px" and _LENS_MM[0] <= low_px <= _LENS_MM[1]
     size = f"{group.camera.width_px}x{group.camera.height_px} px"
     if in_mm and not fisheye and widest > _WIDEST_RECTILINEAR_DEG:
@@ -128,7 +128,7 @@ def _field_of_view(group: GroupSection, ranges: dict[Key, Range]) -> Iterator[tu
         )
     elif widest > _WIDEST_DEG:
         yield key, f"a field of view of {widest:.0f} degrees at {size}; increase the focal length"
-    narrowest = field_of_view_deg(high_px, diagonal_px, fisheye)
+    narrowest = angle_of_view_deg(high_px, diagonal_px, fisheye)
     if narrowest < _NARROWEST_DEG:
         yield (
             key,
@@ -148,7 +148,7 @@ def _focal_px(ranges: dict[Key, Range]) -> tuple[Key, float, float]:
     return ("camera", "focal_mm"), 1e3 * low_mm / high_um, 1e3 * high_mm / low_um
 
 
-def field_of_view_deg(focal_px: float, extent_px: float, fisheye: bool = False) -> float:
+def angle_of_view_deg(focal_px: float, extent_px: float, fisheye: bool = False) -> float:
     """Angle of view across an extent of the image, centred, in degrees: of a pinhole, or equidistant of a fisheye.
 
     Lens distortion is left out.

@@ -145,8 +145,8 @@ def solve_dataset(
     tally = join_parts(plan.parts, plan.out, images.dataset_id, images.images_sha256)
     if on_warning:
         for name in (name for name in loaded if name in tally.failures):
-            number, first, said = tally.failures[name]
-            on_warning(f"method {name} failed in {number} of the frames; first in frame {first}: {said}")
+            number, first, reason = tally.failures[name]
+            on_warning(f"method {name} failed in {number} of the frames; first in frame {first}: {reason}")
     return tally.counts
 
 
@@ -329,8 +329,8 @@ def _plugin_failures(estimates: list[Estimate], plugins: list[str]) -> dict[str,
     for name in plugins:
         wrong = [e for e in estimates if e.method == name and not e and e.reason != f"{name}: {NOTHING}"]
         if wrong:
-            said = wrong[0].reason.removeprefix(f"{name}: ")
-            out[name] = len({e.frame_id for e in wrong}), wrong[0].frame_id, said
+            reason = wrong[0].reason.removeprefix(f"{name}: ")
+            out[name] = len({e.frame_id for e in wrong}), wrong[0].frame_id, reason
     return out
 
 

@@ -54,8 +54,8 @@ class Tally:
         """Add that of later frames, without its timings."""
         for name, number in other.counts.items():
             self.counts[name] += number
-        for method, (frames, first, said) in other.failures.items():
-            before = self.failures.get(method, (0, first, said))
+        for method, (frames, first, reason) in other.failures.items():
+            before = self.failures.get(method, (0, first, reason))
             self.failures[method] = (before[0] + frames, *before[1:])
 
 

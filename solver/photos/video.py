@@ -120,8 +120,8 @@ def solve_video(
                 measured, settled = measured + len(seen), settled + sum(e.chosen is not None for e in seen)
                 estimates += rows
                 _count(tally, seen, rows)
-                said = {"frame_id": done, "time_s": round(time_s, 6), "detections": len(seen), "track_s": seconds}
-                tally.timings.append(json.dumps(said))
+                record = {"frame_id": done, "time_s": round(time_s, 6), "detections": len(seen), "track_s": seconds}
+                tally.timings.append(json.dumps(record))
                 draw(draw_markers(frame[..., ::-1], markers, camera.camera, diameter_m, footer))
                 done += 1
                 if done % _PART == 0:

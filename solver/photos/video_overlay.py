@@ -38,11 +38,11 @@ def _drawn(marker: TrackedMarker, camera: Camera, diameter_m: float) -> Drawn:
 
 def caveats_of(marker: TrackedMarker, estimate: Estimate) -> tuple[str, ...]:
     """What a reader must know before the numbers are believed."""
-    said = []
+    remarks = []
     if not marker.confirmed:
-        said.append("new")
+        remarks.append("new")
     if estimate and estimate.chosen is None:
-        said.append("tilt: either of the two")
+        remarks.append("tilt: either of the two")
     if estimate.confidence is not None and estimate.confidence < _DOUBTFUL:
-        said.append("may not be a circle")
-    return (*said, *count_caveats([estimate.caveats]))
+        remarks.append("may not be a circle")
+    return (*remarks, *count_caveats([estimate.caveats]))

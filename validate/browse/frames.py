@@ -70,9 +70,11 @@ def shard_record(shard: Dataset) -> dict[str, Any]:
         "suffix": [image_suffix(shard, i) for i in range(len(ids))],
     }
     of_frame, marker = (truth[name].to_pylist() for name in ("frame_id", "marker_id"))
-    stray = next((frame_id for frame_id in of_frame if frame_id not in place), None)
-    if stray is not None:
-        raise DataError(f"{shard.address}: the truth has frame {stray}, the cameras do not; `roundel repair` mends it")
+    unknown = next((frame_id for frame_id in of_frame if frame_id not in place), None)
+    if unknown is not None:
+        raise DataError(
+            f"{shard.address}: the truth has frame {unknown}, the cameras do not; `roundel repair` mends it"
+        )
     outlines = _outlines(truth)
     markers = {
         "frame": [place[frame_id] for frame_id in of_frame],

@@ -162,10 +162,10 @@ def _worth(
     parts = {name: rows for name, rows in parts.items() if len(rows) >= _MIN_PART} or {"all": np.arange(len(keys))}
     panels = [_panel(p, name, variables[name], rows) for name in variables for p, rows in parts.items()]
     panels.append(_panel("all", "off_axis_deg", offset, np.flatnonzero(np.isfinite(offset))))
-    worth = CalibrationBenefit(method, calibrated, uncalibrated, labels, errors, panels, near, far)
+    benefit = CalibrationBenefit(method, calibrated, uncalibrated, labels, errors, panels, near, far)
     for panel in panels:
-        panel.gains.update({e.name: [error_ratio(worth, e.name, rows) for rows in panel.bins] for e in ERRORS})
-    return worth
+        panel.gains.update({e.name: [error_ratio(benefit, e.name, rows) for rows in panel.bins] for e in ERRORS})
+    return benefit
 
 
 def _panel(part: str, name: str, values: Array, rows: NDArray[np.int64]) -> Panel:
@@ -190,34 +190,34 @@ def _even(values: Array, rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return [b for b in np.array_split(order, count) if len(b)] if count else []
 
 
-def median_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
+def median_of(benefit: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> float | None:
     """Median error of the given circles, over those that were solved."""
-    values = worth.errors[error][label][rows]
+    values = benefit.errors[error][label][rows]
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
-def level_of(worth: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
+def level_of(benefit: CalibrationBenefit, error: str, label: str, rows: NDArray[np.int64]) -> Interval:
     """Median error of the given circles with its interval."""
-    return bootstrap_interval(worth.errors[error][label][rows], "median", level=LEVEL)
+    return bootstrap_interval(benefit.errors[error][label][rows], "median", level=LEVEL)
 
 
 def error_ratio(
-    worth: CalibrationBenefit, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None
+    benefit: CalibrationBenefit, error: str, rows: NDArray[np.int64], uncalibrated: str | None = None
 ) -> Interval:
     """Median error without calibration over that with it, with a paired bootstrap interval.
 
     Parameters
     ----------
-    worth : CalibrationBenefit
+    benefit : CalibrationBenefit
     error : str
     rows : index array
         Circles; those that are not solved with both are left out.
     uncalibrated : str, optional
         Another label to compare with `calibrated`.
     """
-    a = worth.errors[error][uncalibrated or worth.uncalibrated][rows]
-    b = worth.errors[error][worth.calibrated][rows]
+    a = benefit.errors[error][uncalibrated or benefit.uncalibrated][rows]
+    b = benefit.errors[error][benefit.calibrated][rows]
     both = np.isfinite(a) & np.isfinite(b)
     a, b = a[both], b[both]
     if not len(a):

@@ -37,15 +37,15 @@ _TITLES = {
 _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis", "all": "all frames"}
 
 
-def benefit_pictures(worth: CalibrationBenefit) -> list[Picture]:
+def benefit_pictures(benefit: CalibrationBenefit) -> list[Picture]:
     """Median errors with their intervals: one row per error, column per variable, curve per kind of intrinsics.
 
     Empty if no variable has enough circles for a curve.
     """
-    panels = _shown(worth)
+    panels = _shown(benefit)
     if not panels:
         return []
-    styles = _styles(worth)
+    styles = _styles(benefit)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(len(ERRORS), len(panels), squeeze=False, sharex="col", sharey="row")
@@ -53,7 +53,7 @@ def benefit_pictures(worth: CalibrationBenefit) -> list[Picture]:
             for c, panel in enumerate(panels):
                 at = axes[r, c]
                 for label, style in styles.items():
-                    _curve(at, worth, error, panel, label, style)
+                    _curve(at, benefit, error, panel, label, style)
                 at.set_yscale("log")
                 if r == 0:
                     at.set_title(_PARTS[panel.part])
@@ -72,34 +72,34 @@ def benefit_pictures(worth: CalibrationBenefit) -> list[Picture]:
         figure.legend(handles, names, loc="outside upper center", ncols=max(2, int(figure.get_figwidth() / 2.1)))
 
     caption = (
-        f"Does calibration pay off? Method {worth.method}: median error of the better candidate with its 95 % interval "
-        f"as a band, on the same circles with every kind of intrinsics; one camera, one set of views a calibration, so "
-        f"the bands are over circles only. On the axis: within "
+        f"Does calibration pay off? Method {benefit.method}: median error of the better candidate with its 95 % "
+        f"interval as a band, on the same circles with every kind of intrinsics; one camera, one set of views a "
+        f"calibration, so the bands are over circles only. On the axis: within "
         f"{ON_AXIS_DEG:g}\N{DEGREE SIGN} of it, as in the paper. Camera frame; D: marker diameters; reprojection in "
         "the delivered image, a grid around the circle. Chessboard: the circle's pose from the board beside the "
         "marker, by solvePnP."
     )
     size = (2.25 * len(panels) + 0.2, 2.0 * len(ERRORS) + 1.1)
-    return [Picture("worth", caption, draw_svg("worth", caption, size, draw))]
+    return [Picture("benefit", caption, draw_svg("benefit", caption, size, draw))]
 
 
-def _shown(worth: CalibrationBenefit) -> list[Panel]:
+def _shown(benefit: CalibrationBenefit) -> list[Panel]:
     """Panels: distance on and off the axis, tilt off the axis, and offset; the paper's set-up keeps one column."""
-    wanted = [p for p in worth.panels if len(p.bins) > 1]
+    wanted = [p for p in benefit.panels if len(p.bins) > 1]
     both = any(p.part == "off_axis" for p in wanted)
     return [p for p in wanted if not (both and p.part == "on_axis" and p.variable == "tilt_deg")]
 
 
-def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
+def _styles(benefit: CalibrationBenefit) -> dict[str, dict[str, Any]]:
     """Colour, marker and line of each curve; the reference is grey, behind the others."""
-    labels = [*worth.labels, *([BOARD] if BOARD in worth.errors[NORMAL.name] else [])]
+    labels = [*benefit.labels, *([BOARD] if BOARD in benefit.errors[NORMAL.name] else [])]
     counted: dict[str, int] = {}
     styles: dict[str, dict[str, Any]] = {}
-    for label in sorted(labels, key=lambda x: (x != worth.calibrated, IntrinsicsLabel.of(x).views or 0)):
+    for label in sorted(labels, key=lambda x: (x != benefit.calibrated, IntrinsicsLabel.of(x).views or 0)):
         kind = label.partition(":")[0]
         nth = counted[kind] = counted.get(kind, -1) + 1
         i = _COLOURS.get(kind, 5)
-        main = label in (worth.calibrated, worth.uncalibrated)
+        main = label in (benefit.calibrated, benefit.uncalibrated)
         styles[label] = {
             "color": INK if label == BOARD else colour(i),
             "marker": marker(i) if nth == 0 else "",
@@ -112,11 +112,13 @@ def _styles(worth: CalibrationBenefit) -> dict[str, dict[str, Any]]:
     return {label: styles[label] for label in labels}
 
 
-def _curve(at: Axes, worth: CalibrationBenefit, error: Metric, panel: Panel, label: str, style: dict[str, Any]) -> None:
-    at.plot(panel.middle, _numbers([median_of(worth, error.name, label, rows) for rows in panel.bins]), **style)
-    if label in (worth.calibrated, worth.uncalibrated):
+def _curve(
+    at: Axes, benefit: CalibrationBenefit, error: Metric, panel: Panel, label: str, style: dict[str, Any]
+) -> None:
+    at.plot(panel.middle, _numbers([median_of(benefit, error.name, label, rows) for rows in panel.bins]), **style)
+    if label in (benefit.calibrated, benefit.uncalibrated):
         # Bands of all curves would hide one another.
-        found = [level_of(worth, error.name, label, rows) for rows in panel.bins]
+        found = [level_of(benefit, error.name, label, rows) for rows in panel.bins]
         low, high = _numbers([f.low for f in found]), _numbers([f.high for f in found])
         at.fill_between(panel.middle, low, high, color=style["color"], alpha=0.15, lw=0)
 

@@ -91,8 +91,8 @@ def gate(new: Baseline, old: Baseline) -> GateResult:
             raise NotComparableError(f"{label}: {both} circles were solved by both; a verdict needs {MIN_CIRCLES}")
         if same_images:
             checks.append(golden(label, a, b))
-        asked, found, said = questions(label, a, b, *false)
-        tested, checks, notes = [*tested, *asked], [*checks, *found], [*notes, *said]
+        asked, found, remarks = questions(label, a, b, *false)
+        tested, checks, notes = [*tested, *asked], [*checks, *found], [*notes, *remarks]
         pairs.append((label, a, b))
     checks += answers(tested)
     flipped = {check.run for check in checks if check.verdict == "worse" and check.name == RIGHT_CANDIDATE}

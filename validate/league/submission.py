@@ -62,13 +62,13 @@ def _check_dataset(file: Path, dataset: Dataset) -> None:
     here = str(dataset.manifest["dataset_id"])
     if dataset_of(read_estimates(file)) is not None:
         return  # `read_runs` compares it
-    said = _id_column(file)
-    if said is None:
+    ids = _id_column(file)
+    if ids is None:
         raise UsageError(
             f"{file}: does not say of which dataset it is; add a column {ID_COLUMN} with {here[:_SHORTEST_ID]} in each "
             "row"
         )
-    wrong = sorted({text for text in said if len(text) < _SHORTEST_ID or not here.startswith(text)})
+    wrong = sorted({text for text in ids if len(text) < _SHORTEST_ID or not here.startswith(text)})
     if wrong:
         raise NotComparableError(
             f"{file}: it is of dataset {wrong[0][:_SHORTEST_ID]!r}, but {dataset.address} is {here[:_SHORTEST_ID]}; "

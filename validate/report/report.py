@@ -86,7 +86,7 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
         sentences=sentences(summary),
         cards=_cards(summary),
         lead=figures(pictures.lead),
-        answer=(summary.worth or {}).get("answer") or [""],
+        answer=(summary.benefit or {}).get("answer") or [""],
         verdicts=verdicts,
         errors=figures(pictures.errors),
         sweeps=figures(pictures.sweeps),

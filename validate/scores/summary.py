@@ -72,7 +72,7 @@ class Summary:
         Conventions that files of estimates seem to have by mistake, see `roundel.validate.diagnosis`.
     filled_in : dict
         Defaults that were used for a run's file.
-    worth, sweeps, verdicts
+    benefit, sweeps, verdicts
         The benefit of a calibration, errors over the levels of a nuisance, the paper's claims: records of JSON.
     """
 
@@ -93,7 +93,7 @@ class Summary:
     filled_in: dict[str, list[str]] = field(default_factory=dict)
     calibrations: list[dict[str, Any]] = field(default_factory=list)
     calibration_subsets: list[dict[str, Any]] = field(default_factory=list)
-    worth: dict[str, Any] | None = None
+    benefit: dict[str, Any] | None = None
     sweeps: list[dict[str, Any]] = field(default_factory=list)
     verdicts: list[dict[str, Any]] = field(default_factory=list)
     checksums: dict[str, str] = field(default_factory=dict)

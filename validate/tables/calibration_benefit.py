@@ -13,7 +13,7 @@ _PARTS = {"on_axis": "on the axis", "off_axis": "off the axis"}
 
 
 def benefit_table(record: dict[str, Any] | None) -> Table:
-    """One row per part of the image and kind of intrinsics, from summary["worth"]; empty if there is no record."""
+    """One row per part of the image and kind of intrinsics, from summary["benefit"]; empty if there is no record."""
     rows: dict[tuple[str, str], list[Cell]] = {}
     columns = [Column("frames", "Circles"), Column("intrinsics", "Intrinsics")]
     for i, metric in enumerate(HEADLINE):
@@ -36,7 +36,7 @@ def benefit_table(record: dict[str, Any] | None) -> Table:
         "around the circle. chessboard: the circle's pose from the board beside it, by solvePnP."
     )
     return Table(
-        "worth", "Benefit of calibration, by intrinsics", tuple(columns), tuple(map(tuple, rows.values())), note
+        "benefit", "Benefit of calibration, by intrinsics", tuple(columns), tuple(map(tuple, rows.values())), note
     )
 
 

@@ -30,7 +30,8 @@ from roundel.validate.tables.uncertainty import probability_tables, uncertainty_
 Run = dict[str, Any]
 
 NAMES = (
-    "worth", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "probabilities", "probability_bins",
+    "benefit", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "probabilities",
+    "probability_bins",
     "worst_stated", "groups", "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency",
     "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
@@ -66,7 +67,7 @@ def report_tables(summary: Summary) -> dict[str, Table]:
     )
     groups = [g for g in summary.groups if g["reference"] == "truth" and g["method"] != CHESSBOARD]
     found = [
-        benefit_table(summary.worth),
+        benefit_table(summary.benefit),
         verdict_table(summary.verdicts),
         result_table(mine, summary),
         centre_table(mine),

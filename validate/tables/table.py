@@ -96,16 +96,16 @@ def _parts(table: Table) -> list[tuple[int, dict[str, int]]]:
 
 
 def _shown(table: Table, row: tuple[Cell, ...], own: int, more: dict[str, int], kind: str) -> Shown:
-    def said(i: int) -> str:
+    def text(i: int) -> str:
         return formatted(row[i], table.columns[i].signed)
 
     known = {role: i for role, i in more.items() if row[i] is not None}
-    value = said(own) + (f" / {said(known['of'])}" if "of" in known else "")
-    tail = said(known["tail"]) if "tail" in known else ""
+    value = text(own) + (f" / {text(known['of'])}" if "of" in known else "")
+    tail = text(known["tail"]) if "tail" in known else ""
     interval = ""
     if "low" in known and "high" in known:
         unit = table.columns[known["low"]].unit
-        interval = f"[{said(known['low'])}, {said(known['high'])}]" + (f" {unit}" if unit == "%" else "")
+        interval = f"[{text(known['low'])}, {text(known['high'])}]" + (f" {unit}" if unit == "%" else "")
     return Shown(value, tail, interval, kind)
 
 

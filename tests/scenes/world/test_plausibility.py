@@ -8,7 +8,7 @@ from helpers_studies import SMALL
 from roundel.configs.shipped import starting_point, study_names, study_path
 from roundel.scenes.study.layers import preset_names
 from roundel.scenes.study.study import load_study
-from roundel.scenes.world.plausibility import field_of_view_deg, implausible_values
+from roundel.scenes.world.plausibility import angle_of_view_deg, implausible_values
 
 PRESET = "schema: 1\nname: p\npreset: {}\nmarker: {{kind: disc, diameter_m: 0.08}}\nframes: 1\n"
 LENS = "camera: {width_px: 160, height_px: 120, focal_mm: 4, pixel_pitch_um: 3}"
@@ -91,5 +91,5 @@ def test_a_fisheye_of_140_degrees_is_no_wrong_unit(tmp_path: Path) -> None:
 
 def test_field_of_view_of_a_known_lens() -> None:
     # 35-mm film (43.27 mm across) behind a lens of 26 mm: 79.52 degrees.
-    assert field_of_view_deg(26.0, 43.2666) == pytest.approx(79.52, abs=0.01)
-    assert field_of_view_deg(1.0, 3.14159265, fisheye=True) == pytest.approx(180.0, abs=1e-6)
+    assert angle_of_view_deg(26.0, 43.2666) == pytest.approx(79.52, abs=0.01)
+    assert angle_of_view_deg(1.0, 3.14159265, fisheye=True) == pytest.approx(180.0, abs=1e-6)

@@ -112,38 +112,38 @@ def test_worth_beyond_an_offset(mixed: CalibrationBenefit) -> None:
 def test_not_worth_where_errors_are_alike() -> None:
     rng = np.random.default_rng(3)
     other = {error.name: rng.permutation(NOISE) for error in ERRORS}
-    worth = asked({"calibrated:5": everywhere(1.0), "default": other})
-    assert answer(worth)[0].endswith("for the normal, position and reprojection: nowhere.")
-    verdicts = [gain["worth"] for panel in benefit_record(worth)["panels"] for gain in panel["gain"]]
+    benefit = asked({"calibrated:5": everywhere(1.0), "default": other})
+    assert answer(benefit)[0].endswith("for the normal, position and reprojection: nowhere.")
+    verdicts = [gain["beneficial"] for panel in benefit_record(benefit)["panels"] for gain in panel["gain"]]
     assert set(verdicts) <= {"no", "open"}
     assert verdicts.count("no") > verdicts.count("open")
 
 
 def test_pairs_see_what_unpaired_frames_hide() -> None:
     # The frames scatter by a factor of 1.65, the ratio within each of them not at all.
-    worth = asked({"calibrated:5": everywhere(1.0), "default": everywhere(2.5)})
-    gain = error_ratio(worth, "normal", worth.off_axis)
+    benefit = asked({"calibrated:5": everywhere(1.0), "default": everywhere(2.5)})
+    gain = error_ratio(benefit, "normal", benefit.off_axis)
     assert gain.value == pytest.approx(2.5)
     assert gain.low == pytest.approx(2.5)
     assert gain.high == pytest.approx(2.5)
-    level = level_of(worth, "normal", "default", worth.off_axis)
+    level = level_of(benefit, "normal", "default", benefit.off_axis)
     assert level.high / level.low > 1.1
 
 
 def test_what_one_of_two_did_not_solve_is_no_pair() -> None:
     holes = everywhere(3.0)
     holes["normal"] = np.where(FRAMES % 2 == 0, np.nan, holes["normal"])
-    worth = asked({"calibrated:5": everywhere(1.0), "default": holes})
-    assert error_ratio(worth, "normal", np.arange(N)).n == N // 2
-    assert error_ratio(worth, "position", np.arange(N)).n == N
-    nothing = error_ratio(worth, "normal", np.flatnonzero(FRAMES % 2 == 0))
+    benefit = asked({"calibrated:5": everywhere(1.0), "default": holes})
+    assert error_ratio(benefit, "normal", np.arange(N)).n == N // 2
+    assert error_ratio(benefit, "position", np.arange(N)).n == N
+    nothing = error_ratio(benefit, "normal", np.flatnonzero(FRAMES % 2 == 0))
     assert (nothing.value, verdict_of(nothing)) == (None, "open")
-    assert error_ratio(worth, "normal", np.arange(6)).low is None  # three pairs say nothing
+    assert error_ratio(benefit, "normal", np.arange(6)).low is None  # three pairs say nothing
 
 
 def test_no_noise_is_no_infinity() -> None:
-    worth = asked({"calibrated:5": everywhere(0.0), "default": everywhere(1.0)})
-    json.dumps(benefit_record(worth), allow_nan=False)
+    benefit = asked({"calibrated:5": everywhere(0.0), "default": everywhere(1.0)})
+    json.dumps(benefit_record(benefit), allow_nan=False)
 
 
 @pytest.mark.parametrize(
@@ -168,11 +168,11 @@ def test_exif_serves_where_nothing_else_is_wrong() -> None:
 def test_studies_that_stay_on_the_axis_or_off_it() -> None:
     table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
     for offset, words in ((0.1, "on the axis"), (9.0, "off the axis")):
-        worth = calibration_benefit(table, offsets(np.full(N, offset)))
-        assert worth is not None
-        assert "for the normal, position and reprojection: everywhere" in answer(worth)[0]
-        assert words in answer(worth)[1]
-        assert benefit_pictures(worth)[0].svg.startswith("<svg")
+        benefit = calibration_benefit(table, offsets(np.full(N, offset)))
+        assert benefit is not None
+        assert "for the normal, position and reprojection: everywhere" in answer(benefit)[0]
+        assert words in answer(benefit)[1]
+        assert benefit_pictures(benefit)[0].svg.startswith("<svg")
 
 
 @pytest.mark.parametrize(
@@ -220,14 +220,14 @@ def test_the_picture(mixed: CalibrationBenefit) -> None:
     for label in (*mixed.labels, BOARD):
         assert f">{title_of(label)}<" in picture.svg
     # Three errors by distance on and off the axis, tilt off it, and offset.
-    assert len(re.findall(r'id="worth-axes_\d+"', picture.svg)) == 12
+    assert len(re.findall(r'id="benefit-axes_\d+"', picture.svg)) == 12
 
 
 def test_too_few_circles_for_a_curve_are_no_picture() -> None:
     table = scores({"calibrated:5": everywhere(1.0), "default": everywhere(3.0)})
-    worth = calibration_benefit(table.filter(pa.compute.less(table["frame_id"], 1)), OFFSETS)
-    assert worth is not None
-    assert benefit_pictures(worth) == []
+    benefit = calibration_benefit(table.filter(pa.compute.less(table["frame_id"], 1)), OFFSETS)
+    assert benefit is not None
+    assert benefit_pictures(benefit) == []
 
 
 def test_the_offset_is_the_angle_of_the_line_of_sight() -> None:
