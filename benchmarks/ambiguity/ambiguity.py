@@ -2,11 +2,11 @@
 
     python benchmarks/ambiguity/ambiguity.py [--folder out/ambiguity] [--page] [--study FILE]
 
-Renders `ambiguity.yaml`, or a copy of it with another seed, into FOLDER unless it is there, observes each circle with the `pixels` method, once with its
-true camera and once with `default` intrinsics, declares each kind of knowledge of it (`declared.py`), and prints how
-often the stated probabilities decide and how often they are right. `--page` writes the tables to `ambiguity.md`, and
-the figure to `docs/ambiguity/ambiguity.svg`. Exits with status 1 if the probabilities of a kind that `--knowledge`
-offers are overconfident beyond chance. All draws are seeded by frame and kind.
+Renders `ambiguity.yaml`, or a copy of it with another seed, into FOLDER unless it is there, observes each circle with
+the `pixels` method, once with its true camera and once with `default` intrinsics, declares each kind of knowledge of it
+(`declared.py`), and prints how often the stated probabilities decide and how often they are right. `--page` writes the
+tables to `ambiguity.md`, and the figure to `docs/ambiguity/ambiguity.svg`. Exits with status 1 if the probabilities of
+a kind that `--knowledge` offers are overconfident beyond chance. All draws are seeded by frame and kind.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from roundel.solver.ambiguity.viewing_cone import viewing_cone
 
 Array = NDArray[np.float64]
 
-# Limit set by the accuracy of a print's model: of 280 rendered ticks stated with more than 99 %, two were wrong.
-_SURE = math.log(200.0)
+# Limit set by the accuracy of a print's model: of 560 rendered ticks stated with more than 99 %, five were wrong.
+_SURE = math.log(100.0)
 
 
 @dataclass(frozen=True, eq=False)
