@@ -42,6 +42,7 @@ from roundel.validate.figures.calibration_benefit import benefit_pictures
 from roundel.validate.figures.error_curves import pictures
 from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst, worst_stated_overlays
+from roundel.validate.figures.paired_levels import LEVELS, change_pictures, level_pairs
 from roundel.validate.figures.reliability import reliability_pictures
 from roundel.validate.figures.robustness import sweep_pictures
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
@@ -170,8 +171,9 @@ def _write_report(
         caveats=found.caveats,
         diagnoses=[diagnosis.record() for diagnosis in diagnoses],
     )
-    pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
-    more = [*_compared(scores, summary), *(t for t in [worst_stated_table(scores.table)] if t.rows)]
+    levels = pair_tables(level_pairs(runs_to_compare(scores.table, summary.runs), summary.sweeps), LEVELS)
+    pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations, levels)
+    more = [*_compared(scores, summary), *levels, *(t for t in [worst_stated_table(scores.table)] if t.rows)]
     overlays = Overlays(worst(dataset, scores), worst_stated_overlays(dataset, scores))
     html = render_report(summary, pictures, overlays, more)
     # Without its summary a folder is no report: it comes last, and that of an earlier report goes first.
@@ -217,6 +219,7 @@ def _pictures(
     benefit: CalibrationBenefit | None,
     verdicts: list[Verdict],
     calibrations: _Calibrations,
+    levels: list[Table],
 ) -> Pictures:
     """Every figure of the report."""
     main = main_run(summary)
@@ -224,7 +227,7 @@ def _pictures(
         lead=benefit_pictures(benefit) if benefit else [],
         verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
         errors=pictures(scores.table, main["method"]),
-        sweeps=sweep_pictures(summary.sweeps),
+        sweeps=[*sweep_pictures(summary.sweeps), *change_pictures("levels", LEVELS.comparisons, levels)],
         matrix=variable_pictures(scores.table, main["method"], main["intrinsics"]),
         comparison=side_by_side_pictures(
             runs_to_compare(scores.table, summary.runs), "Methods and intrinsics side by side"
