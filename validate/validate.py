@@ -44,8 +44,9 @@ from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst, worst_stated_overlays
 from roundel.validate.figures.paired_levels import LEVELS, change_pictures, level_pairs
 from roundel.validate.figures.reliability import reliability_pictures
-from roundel.validate.figures.robustness import sweep_pictures
+from roundel.validate.figures.robustness import sweep_pictures, title_of
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
+from roundel.validate.figures.svg import Picture
 from roundel.validate.figures.uncertainty import uncertainty_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
@@ -227,7 +228,7 @@ def _pictures(
         lead=benefit_pictures(benefit) if benefit else [],
         verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
         errors=pictures(scores.table, main["method"]),
-        sweeps=[*sweep_pictures(summary.sweeps), *change_pictures("levels", LEVELS.comparisons, levels)],
+        sweeps=[*sweep_pictures(summary.sweeps), *_level_pictures(summary, levels)],
         matrix=variable_pictures(scores.table, main["method"], main["intrinsics"]),
         comparison=side_by_side_pictures(
             runs_to_compare(scores.table, summary.runs), "Methods and intrinsics side by side"
@@ -236,6 +237,12 @@ def _pictures(
         uncertainty=uncertainty_pictures(summary.runs),
         reliability=reliability_pictures(summary.runs),
     )
+
+
+def _level_pictures(summary: Summary, levels: list[Table]) -> list[Picture]:
+    """One figure of the differences between the levels of all sweeps."""
+    titles = {title_of(sweep) for sweep in summary.sweeps}
+    return change_pictures("levels", LEVELS.comparisons, levels, titles.pop() if len(titles) == 1 else "")
 
 
 def _compared(scores: Scores, summary: Summary) -> list[Table]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,7 +77,7 @@ def level_pairs(entries: Sequence[Entry], sweeps: Sequence[dict[str, Any]]) -> l
     return found
 
 
-def change_pictures(name: str, title: str, tables: Sequence[Table]) -> list[Picture]:
+def change_pictures(name: str, title: str, tables: Sequence[Table], beside: str = "") -> list[Picture]:
     """One figure of the tables of pairs: errors and solved circles of each second image against the first.
 
     Parameters
@@ -85,6 +85,8 @@ def change_pictures(name: str, title: str, tables: Sequence[Table]) -> list[Pict
     name, title : str
     tables : sequence of Table
         From `side_by_side.pair_tables`; without comparisons there is no figure.
+    beside : str
+        Label of the axis of the second images.
     """
     errors = next((t.rows for t in tables if t.name.endswith("comparisons")), ())
     solved = next((t.rows for t in tables if t.name.endswith("solved_by_one")), ())
@@ -98,17 +100,20 @@ def change_pictures(name: str, title: str, tables: Sequence[Table]) -> list[Pict
         panels = figure.subplots(1, len(ERRORS) + 1, sharey=True, squeeze=False)[0]
         for axes, error in zip(panels, ERRORS, strict=False):
             mine = [row for row in errors if row[_ERROR] == error.label]
-            _draw(axes, seconds, runs, 1.0, [(row, _ratio(row)) for row in mine])
+            # A legend has each run once: matplotlib leaves out names with an underscore.
+            names = {run: legend_text(run) if axes is panels[0] else "_" for run in runs}
+            _draw(axes, seconds, names, 1.0, [(row, _ratio(row)) for row in mine])
             axes.set_xscale("log")
             low, high = axes.get_xlim()
             # Hardly any change is not stretched over the panel.
             axes.set_xlim(min(low, 0.8), max(high, 1.25))
             set_log_ticks(axes.xaxis, *axes.get_xlim())
             axes.set_xlabel(f"{error.words} error\n[ratio of the RMS]")
-        _draw(panels[-1], seconds, runs, 0.0, [(row, _points(row)) for row in solved])
+        _draw(panels[-1], seconds, dict.fromkeys(runs, "_"), 0.0, [(row, _points(row)) for row in solved])
         panels[-1].set_xlim(*_around_zero(*panels[-1].get_xlim()))
         panels[-1].set_xlabel("solved circles\n[percentage points]")
         panels[0].set_yticks(range(len(seconds)), [legend_text(text) for text in seconds])
+        panels[0].set_ylabel(beside)
         panels[0].set_ylim(len(seconds) - 0.5, -0.5)
         if len(runs) > 1:
             add_legend(figure, loc="outside upper center", ncols=4)
@@ -125,19 +130,20 @@ def change_pictures(name: str, title: str, tables: Sequence[Table]) -> list[Pict
 def _draw(
     axes: Axes,
     seconds: Sequence[str],
-    runs: Sequence[str],
+    names: Mapping[str, str],
     same: float,
     rows: Sequence[tuple[Sequence[Cell], tuple[float, float, float]]],
 ) -> None:
+    """Draw values with their intervals, beside a line where nothing has changed; `names` has each run's in a legend."""
     axes.axvline(same, color=CURVES[-1], ls="--", lw=0.9)
-    for k, run in enumerate(runs):
+    for k, (run, name) in enumerate(names.items()):
         mine = [(row, change) for row, change in rows if row[_ABOUT] == run and row[_SECOND] in seconds]
         if not mine:
             continue
-        y = np.array([seconds.index(str(row[_SECOND])) for row, _ in mine]) + 0.24 * (k - (len(runs) - 1) / 2)
+        y = np.array([seconds.index(str(row[_SECOND])) for row, _ in mine]) + 0.24 * (k - (len(names) - 1) / 2)
         value, low, high = np.array([change for _, change in mine]).T
         axes.hlines(y, low, high, color=colour(k), lw=2.5, alpha=0.6)
-        axes.plot(value, y, color=colour(k), marker=marker(k), ms=4.5, ls="none", label=legend_text(run))
+        axes.plot(value, y, color=colour(k), marker=marker(k), ms=4.5, ls="none", label=name)
 
 
 def _around_zero(low: float, high: float) -> tuple[float, float]:
