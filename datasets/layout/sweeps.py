@@ -18,6 +18,11 @@ def sweep_keys(manifest: Manifest) -> dict[str, str]:
     return {name: str(sweep["key"]) for name, sweep in _sweeps(manifest).items()}
 
 
+def sweep_levels(manifest: Manifest) -> dict[str, list[float | str]]:
+    """The levels of each group that has a sweep."""
+    return {name: list(sweep["levels"]) for name, sweep in _sweeps(manifest).items()}
+
+
 def level_numbers(levels: Sequence[float | str]) -> list[float]:
     """The levels of a sweep as numbers: themselves, or their positions from 0 if they are words."""
     if any(isinstance(level, str) for level in levels):
