@@ -129,14 +129,15 @@ def _add_rendering(add: AddVerb) -> None:
             "GPU is usable, else llvm",
         )
 
-    develop = add("develop", "re-expose a dataset's radiance for another sensor, without rendering")
+    develop = add("develop", "re-expose a dataset's radiance for another sensor, or several, without rendering")
     develop.add_argument("dataset", metavar="DATASET", help=_DATASET)
     develop.add_argument("out", metavar="OUT", help="folder, or address, of the new dataset")
     develop.add_argument(
         "--sensor",
         required=True,
         metavar="FILE",
-        help="YAML file with keys of a `sensor:` section, merged over those of each group",
+        help="YAML file with keys of a `sensor:` section, merged over those of each group; a `sweep:` over one of them "
+        "repeats every frame at each level",
     )
 
     _add_jobs(develop)
@@ -290,7 +291,9 @@ def _add_scoring(add: AddVerb) -> None:
     )
     _add_jobs(validate)
 
-    compare = add("compare", "write one page over several reports, paired by frame if they share a dataset")
+    compare = add(
+        "compare", "write one page over several reports, paired by frame if they share a dataset or its radiance"
+    )
     compare.add_argument(
         "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
     )

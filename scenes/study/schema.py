@@ -90,7 +90,9 @@ class SweepSection(Section):
 
     key: str = Field(description="key that is swept, such as sensor.read_noise_e")
     levels: list[Level] = Field(
-        min_length=1, max_length=1000, description="values of the key, numbers or words; every frame is repeated at each"
+        min_length=1,
+        max_length=1000,
+        description="values of the key, numbers or words; every frame is repeated at each",
     )
 
     @property

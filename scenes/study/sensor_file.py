@@ -53,7 +53,10 @@ def study_with_sensor(study: Study, path: str | Path) -> Study:
         if own is not None:
             if group.sweep is not None:
                 raise _error(
-                    path, marks, "sweep", f"group {name} sweeps {group.sweep.key}, and a group has one sweep; leave it out"
+                    path,
+                    marks,
+                    "sweep",
+                    f"group {name} sweeps {group.sweep.key}, and a group has one sweep; leave it out",
                 )
             section["sweep"] = own.model_dump()
         # Validate again rather than copy: a copy would keep the section's cached values.

@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.validate.claims.robustness import BESIDE, is_logarithmic
-from roundel.validate.figures.svg import CURVES, INK, Picture, add_legend, colour, draw_svg, legend_text, marker, name_of
+from roundel.validate.figures.svg import (
+    CURVES,
+    INK,
+    Picture,
+    add_legend,
+    colour,
+    draw_svg,
+    legend_text,
+    marker,
+    name_of,
+)
 from roundel.validate.scores.summary import number
 
 if TYPE_CHECKING:
@@ -67,9 +77,9 @@ def sweep_caption(sweep: dict[str, Any]) -> str:
         + f": median over the same {frames} circles at every level; an unsolved circle counts as an infinite error. "
         "Bands: 95 % interval (bootstrap over frames); "
         + ("" if sweep["words"] else "dashed: where the error has doubled; ")
-        + "dotted: the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to 0.83 "
-        "of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the share "
-        "of circles with a pose, with Wilson's."
+        + "dotted: the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to "
+        "0.83 of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the "
+        "share of circles with a pose, with Wilson's."
     )
     # Nothing lies between two words.
     doublings = [] if sweep["words"] else [doubling_in_words(sweep, curve) for curve in sweep["curves"]]

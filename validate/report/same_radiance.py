@@ -69,9 +69,7 @@ def rendered_frames(origin: Origin, rows: Rows) -> tuple[Labels, Labels]:
     return source, repeat
 
 
-def sensor_pairs(
-    first: tuple[str, Origin, Sequence[Entry]], second: tuple[str, Origin, Sequence[Entry]]
-) -> list[Pair]:
+def sensor_pairs(first: tuple[str, Origin, Sequence[Entry]], second: tuple[str, Origin, Sequence[Entry]]) -> list[Pair]:
     """Pair the runs of two reports whose frames have the same radiance, each image of one with that of the other.
 
     Parameters
