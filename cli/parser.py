@@ -140,6 +140,11 @@ def _add_rendering(add: AddVerb) -> None:
         "repeats every frame at each level",
     )
 
+    develop.add_argument(
+        "--no-radiance",
+        action="store_true",
+        help="leave out the radiance, nine tenths of the bytes; the new dataset cannot be developed again",
+    )
     _add_jobs(develop)
 
     verify = add(

@@ -18,6 +18,7 @@ from roundel.datasets.layout.contents import Contents, Part
 from roundel.datasets.layout.developed import Developed, Repeated, developed_of
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.masks import only_masks
 from roundel.datasets.layout.radiance import Planes, decode_radiance, encode_planes, rounded
 from roundel.datasets.layout.schema import ManifestRecord
 from roundel.datasets.numbers import check_numbers
@@ -88,21 +89,26 @@ def _develop_frame(
     clock = [time.perf_counter()]
     before, part = frame_of(source.study, source_id), source.part_of(source_id)
     old = source.entry(part, source_id)
-    then, now = (one.settings.model_dump(exclude={"sensor", "sweep"}) for one in (before, frame))
+    then, now = (
+        one.settings.model_dump(exclude={"sensor": True, "sweep": True, "render": {"radiance"}})
+        for one in (before, frame)
+    )
     if then != now or not np.array_equal(before.camera_from_sheet, frame.camera_from_sheet):
         raise UsageError(
             f"frame {frame.frame_id}: distributions in this sensor would redraw its other values; give numbers instead"
         )
     check_numbers(str(source.contents.folder), before, old)
-    planes = source.planes(part, source_id)
+    planes, keeps = source.planes(part, source_id), frame.settings.render
     developed = develop(frame, planes["Y"])
     noise = developed.noise_dn()
     written = image_file(frame, developed)
     name, there = files.radiance_name(frame.frame_id), files.radiance_name(source_id)
     # Only the noise plane depends on the sensor; if it is equal, both datasets share the file.
-    kept = np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
-    if not kept:
+    kept = keeps.radiance and np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
+    if keeps.radiance and not kept:
         written[name] = encode_planes(planes | {"noise_dn": noise})
+    elif keeps.masks and not keeps.radiance:
+        written[files.masks_name(frame.frame_id)] = encode_planes(only_masks(planes))
     clock.append(time.perf_counter())
     listed = write_frame(here, written)
     if kept:
@@ -145,6 +151,7 @@ def develop_dataset(
     on_warning: Callable[[str], None] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    keep_radiance: bool = True,
 ) -> Dataset:
     """Re-expose the radiance of a dataset with another sensor, or several; existing frames are kept.
 
@@ -166,6 +173,8 @@ def develop_dataset(
         Number of processes; the bytes do not depend on it.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers develop instead of processes of this machine.
+    keep_radiance : bool
+        Whether the new dataset has the radiance, too. Without it, it cannot be developed again.
 
     Raises
     ------
@@ -180,7 +189,7 @@ def develop_dataset(
     contents = open_images(dataset).contents
     _, manifest = read_manifest(contents.folder)
     before = _source_study(contents.folder, manifest)
-    study = study_with_sensor(before, sensor_file)
+    study = study_with_sensor(before, sensor_file, keep_radiance)
     if store_at(out).address() == contents.folder.address():
         raise UsageError(f"{out}: is the dataset itself; name another folder")
     total = total_frames(study)

@@ -151,6 +151,7 @@ def do_develop(arguments: argparse.Namespace) -> int:
             on_warning=_warn,
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,
+            keep_radiance=not arguments.no_radiance,
         )
     _warn_of_flags(dataset)
     identity, source = (str(dataset.manifest[key])[:12] for key in ("dataset_id", "developed_from"))

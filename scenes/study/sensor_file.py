@@ -25,7 +25,7 @@ RAY_KEYS = ("fill_factor", "mosaic")
 _EXPOSURES = ("exposure_e", "exposure_ph")
 
 
-def study_with_sensor(study: Study, path: str | Path) -> Study:
+def study_with_sensor(study: Study, path: str | Path, keep_radiance: bool = True) -> Study:
     """The study with the keys of a file overriding the sensor of each of its groups.
 
     Parameters
@@ -35,6 +35,8 @@ def study_with_sensor(study: Study, path: str | Path) -> Study:
         YAML: the keys of a `sensor:` section, with or without the `sensor:` key. `null` restores a key's default.
         Beside them `sweep:`, as in a study: each group with images then has every frame once per level. The group from
         which the study calibrates its camera has one level, without the swept key.
+    keep_radiance : bool
+        Whether its frames keep their radiance, if they do in the study.
 
     Raises
     ------
@@ -50,6 +52,8 @@ def study_with_sensor(study: Study, path: str | Path) -> Study:
         own = sweep if group.mode == "images" and name != study.solve.calibrate_from else None
         sensor = _sensor(path, marks, raw, own, name, group)
         section = {**group.model_dump(exclude_none=True), "sensor": sensor.model_dump(exclude_none=True)}
+        if not keep_radiance:
+            section["render"]["radiance"] = False
         if own is not None:
             if group.sweep is not None:
                 raise _error(

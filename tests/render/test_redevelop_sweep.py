@@ -113,6 +113,23 @@ def test_levels_may_be_words(made: Path, tmp_path: Path) -> None:
     assert study["groups"]["seen"]["sweep"]["levels"] == ["linear", "srgb"]
 
 
+def test_the_radiance_may_be_left_out(made: Path, tmp_path: Path, capsys) -> None:
+    sensor = str(sensor_file(tmp_path, SWEEP))
+    out = tmp_path / "out"
+    assert main(["develop", str(made / "ds"), str(out), "--sensor", sensor, "--no-radiance"]) == 0
+    dataset, whole = open_dataset(out), open_dataset(made / "out")
+    assert dataset.verify(full=True) == []
+    assert not (out / files.RADIANCE).exists()
+    # All else is the same.
+    ours = {name: its for name, its in dataset.manifest["files"].items() if name.startswith("images/")}
+    assert ours == {name: its for name, its in whole.manifest["files"].items() if name.startswith("images/")}
+    assert dataset.truth.equals(whole.truth)
+    assert developed_of(dataset.manifest) == developed_of(whole.manifest)
+    capsys.readouterr()
+    assert main(["develop", str(out), str(tmp_path / "again"), "--sensor", sensor]) == 2
+    assert "was rendered without its radiance" in capsys.readouterr().err
+
+
 def test_levels_of_whole_numbers_and_of_nested_keys(tmp_path: Path) -> None:
     study = small_study(tmp_path, ("frames: 4", "frames: 2\nsensor: {exposure_ph: 20000, isp: phone}"))
     for key, levels, value in (
