@@ -76,18 +76,18 @@ def sweep_caption(sweep: dict[str, Any]) -> str:
         + (f", divided by the frame's own Cramer-Rao bound at the {_reference(sweep)} level" if relative else "")
         + f": median over the same {frames} circles at every level; an unsolved circle counts as an infinite error. "
         "Bands: 95 % interval (bootstrap over frames); "
-        + ("" if sweep["words"] else "dashed: where the error has doubled; ")
+        + ("" if sweep.get("words") else "dashed: where the error has doubled; ")
         + "dotted: the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to "
         "0.83 of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the "
         "share of circles with a pose, with Wilson's."
     )
     # Nothing lies between two words.
-    doublings = [] if sweep["words"] else [doubling_in_words(sweep, curve) for curve in sweep["curves"]]
+    doublings = [] if sweep.get("words") else [doubling_in_words(sweep, curve) for curve in sweep["curves"]]
     return " ".join([text, *doublings])
 
 
 def _reference(sweep: dict[str, Any]) -> str:
-    return "first" if sweep["words"] else "mildest"
+    return "first" if sweep.get("words") else "mildest"
 
 
 def doubling_in_words(sweep: dict[str, Any], curve: dict[str, Any]) -> str:
@@ -105,7 +105,7 @@ def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
     """Draw the normal's error of a sweep into a panel: levels from mild to severe, left to right."""
     draw_error(axes, sweep, "normal")
     first = sweep["curves"][0]
-    doubled = None if sweep["words"] else first["doubling"]["level"]
+    doubled = None if sweep.get("words") else first["doubling"]["level"]
     x, bound = _ordered(sweep, first["normal_bound"])
     axes.plot(x, bound, color=INK, ls=":", lw=1.0)
     if doubled is not None:
@@ -169,8 +169,8 @@ def _limit(axes: Axes, known: list[float]) -> None:
 
 def _level_axis(axes: Axes, sweep: dict[str, Any]) -> None:
     levels = sorted(sweep["levels"])
-    if sweep["words"]:
-        axes.set_xticks(levels, [legend_text(word) for word in sweep["words"]])
+    if words := sweep.get("words"):  # reports of older versions do not have it
+        axes.set_xticks(levels, [legend_text(word) for word in words])
     elif is_logarithmic(levels):
         axes.set_xscale("log")
         axes.set_xticks(levels, [f"{v:g}" for v in levels], minor=False)
