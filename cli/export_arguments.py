@@ -35,7 +35,10 @@ def add_export(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     export.add_argument("--groups", nargs="+", metavar="GROUP", help="only frames of these groups")
     export.add_argument("--no-depth", action="store_true", help="leave depth out")
     export.add_argument(
-        "--url", default="", metavar="URL", help="where the dataset is published, for formats that say so"
+        "--url",
+        default="",
+        metavar="URL",
+        help="address at which the dataset is published, for formats that contain it",
     )
 
     card = add("card", "write a dataset's data card: a page, and a record for programs")

@@ -36,7 +36,7 @@ _STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
 _DATASET = "dataset: its folder, or an address such as s3://bucket/name"
 _REPORT = "folder of a report, written by `roundel validate`"
 _OUT = "folder to write to"
-_METHOD_FILE = "a function of a file of yours, path/to/file.py:find"
+_METHOD_FILE = "a function in a file of your own, path/to/file.py:find"
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -70,7 +70,7 @@ def _add_studies(add: AddVerb) -> None:
     check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
 
-    preview = add("preview", "show a few frames of a study, small and with few rays: a contact sheet and a page")
+    preview = add("preview", "render a few small frames of a study with few rays: a contact sheet and a page")
     preview.add_argument("study", metavar="STUDY", help=_STUDY)
     preview.add_argument(
         "out", nargs="?", type=on_disk, metavar="OUT", help="folder to write to (default: STUDY-preview, here)"
@@ -80,7 +80,7 @@ def _add_studies(add: AddVerb) -> None:
     studies.add_argument("name", nargs="?", metavar="NAME", help="print this study instead of the list")
 
     init = add("init", "write a commented study to start from")
-    init.add_argument("file", metavar="FILE", help="where to write it; an existing file is never overwritten")
+    init.add_argument("file", metavar="FILE", help="file to write; an existing file is never overwritten")
     init.add_argument("--from", dest="source", metavar="NAME", help="start from this shipped study")
 
 
@@ -129,27 +129,35 @@ def _add_rendering(add: AddVerb) -> None:
             "GPU is usable, else llvm",
         )
 
-    develop = add("develop", "re-expose a dataset's radiance for another sensor, without rendering")
+    develop = add("develop", "re-expose a dataset's radiance for another sensor, or several, without rendering")
     develop.add_argument("dataset", metavar="DATASET", help=_DATASET)
     develop.add_argument("out", metavar="OUT", help="folder, or address, of the new dataset")
     develop.add_argument(
         "--sensor",
         required=True,
         metavar="FILE",
-        help="YAML file with keys of a `sensor:` section, merged over those of each group",
+        help="YAML file with keys of a `sensor:` section, merged over those of each group; a `sweep:` over one of them "
+        "repeats every frame at each level",
     )
 
+    develop.add_argument(
+        "--no-radiance",
+        action="store_true",
+        help="leave out the radiance, nine tenths of the bytes; the new dataset cannot be developed again",
+    )
     _add_jobs(develop)
 
-    verify = add("verify", "check the integrity of a dataset or an export; prints a dataset's fidelity; writes nothing")
+    verify = add(
+        "verify", "check the integrity of a dataset or an export, and print a dataset's fidelity; writes nothing"
+    )
     verify.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; or an export")
     verify.add_argument("--full", action="store_true", help="also compute every checksum and decode every image")
     verify.add_argument(
-        "--against", metavar="DATASET", help="of an export: read every frame back and compare it with this dataset"
+        "--against", metavar="DATASET", help="for an export: read every frame back and compare it with this dataset"
     )
 
     repair = add("repair", "restore what `verify --full` finds: altered files, damaged records, leftovers")
-    repair.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; nobody else may be rendering into it")
+    repair.add_argument("dataset", metavar="DATASET", help=f"{_DATASET}; no other process may be rendering into it")
     repair.add_argument("--study", metavar="STUDY", help="the study, if the dataset's own copies of it are lost")
 
     merge = add("merge", "join datasets that hold parts of the same study, rendered on machines without a shared disk")
@@ -164,7 +172,7 @@ def _add_rendering(add: AddVerb) -> None:
     pull.add_argument("dataset", metavar="ADDRESS", help="such as s3://bucket/name or https://host/name, or a folder")
     pull.add_argument("out", metavar="DATASET", help="folder to write to; what is there already is kept")
     pull.add_argument(
-        "--frames", type=frame_range, metavar="A:B", help="only these frames, beside those that are there"
+        "--frames", type=frame_range, metavar="A:B", help="only these frames, in addition to those that are there"
     )
     for parser in (repair, merge):
         _add_mixing(parser)
@@ -172,7 +180,11 @@ def _add_rendering(add: AddVerb) -> None:
 
 def _add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="number of processes (default 1); the results are the same"
+        "--jobs",
+        type=count,
+        default=1,
+        metavar="N",
+        help="number of processes (default 1); the results do not depend on it",
     )
     _add_scheduler(parser)
 
@@ -181,7 +193,7 @@ def _add_scheduler(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="let the workers of a Dask scheduler do it, such as tcp://10.0.0.1:8786; they share the disk",
+        help="address of a Dask scheduler, such as tcp://10.0.0.1:8786: its workers do the work, and share the disk",
     )
 
 
@@ -258,15 +270,17 @@ def _add_solving(add: AddVerb) -> None:
         type=bend,
         default=0,
         metavar="ORDER",
-        help="of circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
+        help="for circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
     )
-    calibrate.add_argument("--grid", type=grid, metavar="COLSxROWS", help="of photographs: dots in a row, and rows")
     calibrate.add_argument(
-        "--spacing-m", type=positive, metavar="S", help="of photographs: between rows (marker key spacing_m)"
+        "--grid", type=grid, metavar="COLSxROWS", help="for photographs: number of dots in a row, and of rows"
     )
-    calibrate.add_argument("--diameter-m", type=positive, metavar="D", help="of photographs: diameter of a dot")
-    calibrate.add_argument("--asymmetric", action="store_true", help="of photographs: an asymmetric circle grid")
-    calibrate.add_argument("--curve", metavar="CURVE", help="of photographs: response curve, as in `roundel solve`")
+    calibrate.add_argument(
+        "--spacing-m", type=positive, metavar="S", help="for photographs: distance between rows (marker key spacing_m)"
+    )
+    calibrate.add_argument("--diameter-m", type=positive, metavar="D", help="for photographs: diameter of a dot")
+    calibrate.add_argument("--asymmetric", action="store_true", help="for photographs: the circle grid is asymmetric")
+    calibrate.add_argument("--curve", metavar="CURVE", help="for photographs: response curve, as in `roundel solve`")
 
 
 def _add_scoring(add: AddVerb) -> None:
@@ -290,7 +304,9 @@ def _add_scoring(add: AddVerb) -> None:
     )
     _add_jobs(validate)
 
-    compare = add("compare", "write one page over several reports, paired by frame if they share a dataset")
+    compare = add(
+        "compare", "write one page over several reports, paired by frame if they share a dataset or its radiance"
+    )
     compare.add_argument(
         "reports", metavar="REPORT", nargs="+", help="folders of reports; the others are compared with the first"
     )
@@ -310,7 +326,7 @@ def _add_scoring(add: AddVerb) -> None:
 
 
 def _add_league(add: AddVerb) -> None:
-    league = add("league", "every related system on the same images, and the score of a submission")
+    league = add("league", "run every related system on the same images, or score a submission")
     actions = league.add_subparsers(dest="action", metavar="ACTION", required=True, help="run, score, or hold-back")
 
     def action(name: str, text: str) -> argparse.ArgumentParser:

@@ -16,6 +16,7 @@ import pyarrow as pa
 from roundel.datasets.environment import Environment
 from roundel.datasets.flags import marker_flags
 from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.developed import Developed
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.layout.truth_table import POINTS_SCHEMA, ROWS_SCHEMA, csv_bytes, parquet_bytes, truth_table
 from roundel.datasets.numbers import check_numbers
@@ -75,7 +76,7 @@ class Frames:
 
 
 def finish_shard(
-    study: Study, folder: Store, shard: Shard, done: Frames, developed_from: str | None = None
+    study: Study, folder: Store, shard: Shard, done: Frames, developed: Developed | None = None
 ) -> dict[str, Any]:
     """Write the tables and the journal of a shard and, where there are several, its record.
 
@@ -88,8 +89,8 @@ def finish_shard(
         The dataset.
     shard : Shard
     done : Frames
-    developed_from : str, optional
-        The dataset_id of the dataset whose radiance was developed; None for a rendered dataset.
+    developed : Developed, optional
+        Whose radiance was developed; None for a rendered dataset.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def finish_shard(
     for entry in done.entries.values():
         listed.update(entry["files"])
     about = Rows(contents.cameras, contents.rows, done.entries, done.environments)
-    record = shard_record(study.digest(), shard, complete, about, listed, developed_from)
+    record = shard_record(study.digest(), shard, complete, about, listed, developed)
     if not shard.folder:
         return record
     data = document_of(record)

@@ -10,6 +10,7 @@ from roundel.datasets.environment import UNKNOWN, Environment, check_one_environ
 from roundel.datasets.finish import Frames, finish_shard
 from roundel.datasets.layout import files
 from roundel.datasets.layout.contents import read_contents
+from roundel.datasets.layout.developed import Developed
 from roundel.datasets.layout.manifest import read_shard
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
@@ -63,7 +64,7 @@ def finish_frames(
     state: ShardProgress,
     own: Environment,
     mix: bool,
-    developed_from: str | None = None,
+    developed: Developed | None = None,
 ) -> dict[str, Any]:
     """Write tables and record of a shard over the frames that are done.
 
@@ -78,7 +79,7 @@ def finish_frames(
     # Those of frames whose record was lost are known by their key alone.
     unknown = {str(key): UNKNOWN for _, key in keys if key is not None}
     known = {**unknown, key_of(own): own, **state.environments}
-    return finish_shard(study, folder, state.shard, Frames(state.entries, state.seconds, known), developed_from)
+    return finish_shard(study, folder, state.shard, Frames(state.entries, state.seconds, known), developed)
 
 
 def finish_dataset(study: Study, folder: Store, records: Records, own: Environment, mix: bool) -> dict[str, Any]:

@@ -6,7 +6,9 @@ from collections.abc import Callable, Sequence
 
 from roundel.datasets.environment import UNKNOWN, Environment, check_one_environment, environment_of
 from roundel.datasets.index import image_ids, is_whole, progress_of, tidy
-from roundel.datasets.layout import journal
+from roundel.datasets.layout import files, journal
+from roundel.datasets.layout.developed import Developed, developed_of
+from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.progress import ShardProgress
 from roundel.datasets.resume import held_study, prepare
@@ -74,7 +76,8 @@ def merge_datasets(
         done += len(wanted)
         if progress:
             progress(done, total)
-    if finish_what_is_complete(Work(study, target, range(total_frames(study)), own, mix_environments)):
+    work = Work(study, target, range(total_frames(study)), own, mix_environments, developed=_origin(folders))
+    if finish_what_is_complete(work):
         tidy(target, shards, study)
     elif not missing:
         raise DataError(f"{target}: all frames are there, but a record cannot be read; run the command again")
@@ -91,6 +94,16 @@ def _one_study(parts: Sequence[Address]) -> tuple[Study, list[Store]]:
                 f"{studies[0].digest()[:12]}); give parts of one study"
             )
     return studies[0], folders
+
+
+def _origin(folders: list[Store]) -> Developed | None:
+    """Whose radiance the parts have, if one of them was developed and finished."""
+    found: list[Developed] = []
+    for folder in folders:
+        if folder.size(files.MANIFEST) is not None:
+            developed = developed_of(read_manifest(folder)[1].model_dump(exclude_none=True))
+            found += [] if developed is None else [developed]
+    return min(found, key=lambda one: one.dataset_id, default=None)
 
 
 def _one_environment(target: Store, states: list[ShardProgress], own: Environment) -> Environment:

@@ -20,6 +20,7 @@ from roundel.datasets.index import finishing
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.camera_records import CameraRecords
 from roundel.datasets.layout.contents import Contents, Part, read_contents
+from roundel.datasets.layout.developed import developed_of
 from roundel.datasets.layout.manifest import read_manifest
 from roundel.datasets.layout.schema import ManifestRecord
 from roundel.datasets.layout.shards import Shard
@@ -236,7 +237,7 @@ def _tables(
         mine.update(entry["files"])
     truth = tables[files.TRUTH].select(["frame_id", "marker_id", "flags"]).to_pylist()
     rows = Rows(cameras, truth, entries, recorded_environments(contents.folder, shard))
-    developed = work.manifest.get("developed_from")
+    developed = developed_of(work.manifest)
     record = shard_record(contents.dataset_id, shard, False, rows, mine, developed)
     if shard.folder:
         written[files.SHARD] = document_of(record)

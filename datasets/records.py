@@ -14,6 +14,7 @@ from roundel.datasets.fidelity.summary import join_summaries, summarise
 from roundel.datasets.flags import count_flags, flags_of_rows
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.contents import images_digest, joined_digest
+from roundel.datasets.layout.developed import Developed, developed_of
 from roundel.datasets.layout.shards import Shard
 from roundel.datasets.store.records import document_of
 from roundel.datasets.store.store import Listed, Store
@@ -44,7 +45,7 @@ def shard_record(
     complete: bool,
     rows: Rows,
     listed: Mapping[str, dict[str, Any]],
-    developed_from: str | None = None,
+    developed: Developed | None = None,
 ) -> dict[str, Any]:
     """The record of a shard.
 
@@ -57,7 +58,7 @@ def shard_record(
     rows : Rows
     listed : dict
         `{sha256, bytes}` of each file, by name within the shard.
-    developed_from : str, optional
+    developed : Developed, optional
         See `finish_shard`.
     """
     used = {str(entry["environment"]) for entry in rows.entries.values() if "environment" in entry}
@@ -79,7 +80,7 @@ def shard_record(
         "files": dict(sorted(listed.items())),
         "images_sha256": images_digest(dict(listed)),
     }
-    return record if developed_from is None else {**record, "developed_from": developed_from}
+    return record if developed is None else {**record, **developed.record()}
 
 
 def slim(record: dict[str, Any], listed: Listed) -> dict[str, Any]:
@@ -151,9 +152,9 @@ def manifest_record(
     }
     if len(environments) > 1:
         manifest["environments"] = dict(sorted(environments.items()))
-    developed = {r["developed_from"] for _, r in shards if "developed_from" in r}
+    developed = [found for _, r in shards if (found := developed_of(r)) is not None]
     if developed:
-        manifest["developed_from"] = min(developed)
+        manifest |= min(developed, key=lambda one: one.dataset_id).record()
     if single:
         manifest["files"] = dict(sorted({**manifest["files"], **shards[0][1]["files"]}.items()))
     else:

@@ -18,6 +18,7 @@ from roundel.datasets.index import (
     progress_of,
 )
 from roundel.datasets.layout import files
+from roundel.datasets.layout.developed import Developed
 from roundel.datasets.layout.shards import Shard, shards_of
 from roundel.datasets.numbers import check_resumable
 from roundel.datasets.progress import ShardProgress
@@ -66,7 +67,7 @@ class Work:
         Called with (done, total).
     on_warning : callable, optional
         Called with one line.
-    developed_from : str, optional
+    developed : Developed, optional
         See `finish_shard`.
     together : bool
         Whether frames of the next shard are made while those of one are still under way, by several workers.
@@ -79,7 +80,7 @@ class Work:
     mix: bool = False
     progress: Callable[[int, int], None] | None = None
     on_warning: Callable[[str], None] | None = None
-    developed_from: str | None = None
+    developed: Developed | None = None
     together: bool = False
     done: int = 0
     total: int = 0
@@ -354,7 +355,7 @@ def finish(work: Work, shard: Shard) -> bool:
         state = progress_of(work.folder, shard, work.study)
         if set(image_ids(work.study, shard)) - set(state.entries):
             return False
-        record = finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed_from)
+        record = finish_frames(work.study, work.folder, state, work.own, work.mix, work.developed)
         if not shard.folder:
             finish_dataset(work.study, work.folder, [(shard, record)], work.own, work.mix)
     return True

@@ -15,11 +15,12 @@ from roundel.datasets.environment import Environment, environment_of
 from roundel.datasets.index import is_whole, tidy
 from roundel.datasets.layout import files, journal
 from roundel.datasets.layout.contents import Contents, Part
+from roundel.datasets.layout.developed import Developed, Repeated, developed_of
 from roundel.datasets.layout.images import open_images
 from roundel.datasets.layout.manifest import read_manifest
+from roundel.datasets.layout.masks import only_masks
 from roundel.datasets.layout.radiance import Planes, decode_radiance, encode_planes, rounded
 from roundel.datasets.layout.schema import ManifestRecord
-from roundel.datasets.layout.shards import Shard
 from roundel.datasets.numbers import check_numbers
 from roundel.datasets.resume import held_study, prepare
 from roundel.datasets.store.addresses import Address, store_at
@@ -31,7 +32,7 @@ from roundel.render.sensor.develop import develop
 from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.study.sensor_file import study_with_sensor
 from roundel.scenes.study.study import Study
-from roundel.scenes.world.frame import Frame, frame_of, total_frames
+from roundel.scenes.world.frame import Frame, frame_of, group_ranges, total_frames
 
 
 def _source_study(folder: Store, manifest: ManifestRecord) -> Study:
@@ -58,12 +59,11 @@ class _Source:
         self.contents, self.study = contents, study
         self._entries: tuple[Part, dict[int, journal.Entry]] | None = None
 
-    def part_of(self, shard: Shard) -> Part:
-        """Its shard with these frames."""
-        found = (p for p in self.contents.parts if p.shard.frames.start == shard.frames.start)
-        part = next(found, None)
+    def part_of(self, frame_id: int) -> Part:
+        """Its shard with a frame."""
+        part = next((p for p in self.contents.parts if frame_id in p.shard.frames), None)
         if part is None:
-            raise DataError(f"{self.contents.folder}: has no frame {shard.frames.start}; run `roundel render` again")
+            raise DataError(f"{self.contents.folder}: has no frame {frame_id}; run `roundel render` again")
         return part
 
     def entry(self, part: Part, frame_id: int) -> journal.Entry:
@@ -82,34 +82,65 @@ class _Source:
         return decode_radiance(self.contents.read(part, name), self.contents.folder.place(part.shard.name(name)))
 
 
-def _develop_frame(source: _Source, shard: Shard, frame: Frame, here: Store) -> tuple[journal.Entry, dict[str, float]]:
+def _develop_frame(
+    source: _Source, source_id: int, frame: Frame, here: Store
+) -> tuple[journal.Entry, dict[str, float]]:
+    """Develop a frame from the radiance of the frame `source_id` of another dataset."""
     clock = [time.perf_counter()]
-    before, part = frame_of(source.study, frame.frame_id), source.part_of(shard)
-    old = source.entry(part, frame.frame_id)
-    same = before.settings.model_dump(exclude={"sensor"}) == frame.settings.model_dump(exclude={"sensor"})
-    if not same or not np.array_equal(before.camera_from_sheet, frame.camera_from_sheet):
+    before, part = frame_of(source.study, source_id), source.part_of(source_id)
+    old = source.entry(part, source_id)
+    then, now = (
+        one.settings.model_dump(exclude={"sensor": True, "sweep": True, "render": {"radiance"}})
+        for one in (before, frame)
+    )
+    if then != now or not np.array_equal(before.camera_from_sheet, frame.camera_from_sheet):
         raise UsageError(
             f"frame {frame.frame_id}: distributions in this sensor would redraw its other values; give numbers instead"
         )
     check_numbers(str(source.contents.folder), before, old)
-    planes = source.planes(part, frame.frame_id)
+    planes, keeps = source.planes(part, source_id), frame.settings.render
     developed = develop(frame, planes["Y"])
     noise = developed.noise_dn()
     written = image_file(frame, developed)
-    name = files.radiance_name(frame.frame_id)
+    name, there = files.radiance_name(frame.frame_id), files.radiance_name(source_id)
     # Only the noise plane depends on the sensor; if it is equal, both datasets share the file.
-    kept = np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
-    if not kept:
+    kept = keeps.radiance and np.array_equal(planes.get("noise_dn", np.empty(0)), rounded("noise_dn", noise))
+    if keeps.radiance and not kept:
         written[name] = encode_planes(planes | {"noise_dn": noise})
+    elif keeps.masks and not keeps.radiance:
+        written[files.masks_name(frame.frame_id)] = encode_planes(only_masks(planes))
     clock.append(time.perf_counter())
     listed = write_frame(here, written)
     if kept:
-        here.take(name, source.contents.folder, part.shard.name(name))
-        listed[name] = old["files"][name]
+        here.take(name, source.contents.folder, part.shard.name(there))
+        listed[name] = old["files"][there]
     clock.append(time.perf_counter())
     entry = entry_of(frame, developed, planes, old["fidelity"], listed, str(old.get("backend", "llvm")))
     encode, write = np.diff(clock)
     return entry, {"encode_s": float(encode), "write_s": float(write)}
+
+
+def _repeated(before: Study, study: Study) -> dict[str, Repeated]:
+    """The frames of a study whose radiance each group of the re-exposed study has."""
+    old = group_ranges(before)
+    return {
+        name: Repeated(first_frame=ids.start, source_first_frame=old[name].start, source_frames=len(old[name]))
+        for name, ids in group_ranges(study).items()
+    }
+
+
+def _origin(manifest: ManifestRecord, before: Study, study: Study) -> Developed:
+    """Whose radiance the frames of the re-exposed study have, back to those that were rendered."""
+    parent = developed_of(manifest.model_dump(exclude_none=True))
+    groups: dict[str, Repeated] = {}
+    for (name, ids), its in zip(group_ranges(study).items(), _repeated(before, study).values(), strict=True):
+        first, count = its.source_first_frame, its.source_frames
+        if parent is not None:
+            first = parent.source_of(name, first)
+            count = parent.groups[name].source_frames if name in parent.groups else count
+        if (first, count) != (ids.start, len(ids)):
+            groups[name] = Repeated(first_frame=ids.start, source_first_frame=first, source_frames=count)
+    return Developed(manifest.dataset_id, parent.rendered_id if parent else manifest.dataset_id, groups)
 
 
 def develop_dataset(
@@ -120,8 +151,11 @@ def develop_dataset(
     on_warning: Callable[[str], None] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    keep_radiance: bool = True,
 ) -> Dataset:
-    """Re-expose the radiance of a dataset with another sensor; existing frames are kept.
+    """Re-expose the radiance of a dataset with another sensor, or several; existing frames are kept.
+
+    With a sweep, every frame of the dataset is developed once per level.
 
     Parameters
     ----------
@@ -130,7 +164,7 @@ def develop_dataset(
     out : path
         A new or empty folder, or one that already holds the requested dataset.
     sensor_file : path
-        YAML: keys of a `sensor:` section, which override each group's own.
+        YAML: keys of a `sensor:` section, which override each group's own, and perhaps a `sweep:` over one of them.
     progress : callable, optional
         Called with (done, total).
     on_warning : callable, optional
@@ -139,6 +173,8 @@ def develop_dataset(
         Number of processes; the bytes do not depend on it.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers develop instead of processes of this machine.
+    keep_radiance : bool
+        Whether the new dataset has the radiance, too. Without it, it cannot be developed again.
 
     Raises
     ------
@@ -153,7 +189,7 @@ def develop_dataset(
     contents = open_images(dataset).contents
     _, manifest = read_manifest(contents.folder)
     before = _source_study(contents.folder, manifest)
-    study = study_with_sensor(before, sensor_file)
+    study = study_with_sensor(before, sensor_file, keep_radiance)
     if store_at(out).address() == contents.folder.address():
         raise UsageError(f"{out}: is the dataset itself; name another folder")
     total = total_frames(study)
@@ -165,7 +201,8 @@ def develop_dataset(
     together = jobs > 1 or scheduler is not None
     own = environment_of(manifest.environment)
     mix = manifest.environments is not None
-    work = Work(study, folder, range(total), own, mix, progress, on_warning, manifest.dataset_id, together)
+    origin = _origin(manifest, before, study)
+    work = Work(study, folder, range(total), own, mix, progress, on_warning, origin, together)
     with ExitStack() as stack:
         if together:
             arguments = contents.folder.address(), folder.address(), study.digest(), own, mix
@@ -188,6 +225,7 @@ class _Developer(Participant):
     def __init__(self, work: Work, contents: Contents, before: Study) -> None:
         super().__init__(work.study, work.folder, work.own, work.mix)
         self.work, self.source = work, _Source(contents, before)
+        self.groups = _repeated(before, work.study)
 
     def do(self, task: Task) -> tuple[Task, int]:
         """Develop frames, or finish a shard; with how much of it was done."""
@@ -196,7 +234,9 @@ class _Developer(Participant):
         state = self.enter(task.shard)
         claimed = [i for i in task.frame_ids if state.claim(i)]
         for i in claimed:
-            state.record(*_develop_frame(self.source, task.shard, frame_of(self.study, i), state.here))
+            frame = frame_of(self.study, i)
+            source_id = self.groups[frame.group].source_of(i)
+            state.record(*_develop_frame(self.source, source_id, frame, state.here))
         return task, len(claimed)
 
 
@@ -212,8 +252,10 @@ def _start_worker(source: str, out: str, digest: str, own: Environment, mix: boo
     if study.digest() != digest:
         raise UsageError(f"{out}: changed while it was being developed; run again")
     _stop_worker()  # one of a cluster may have worked for somebody else before
-    work = Work(study, folder, range(total_frames(study)), own, mix, developed_from=manifest.dataset_id)
-    _worker[:] = [_Developer(work, contents, _source_study(contents.folder, manifest))]
+    before = _source_study(contents.folder, manifest)
+    origin = _origin(manifest, before, study)
+    work = Work(study, folder, range(total_frames(study)), own, mix, developed=origin)
+    _worker[:] = [_Developer(work, contents, before)]
 
 
 def _stop_worker() -> None:

@@ -42,9 +42,11 @@ from roundel.validate.figures.calibration_benefit import benefit_pictures
 from roundel.validate.figures.error_curves import pictures
 from roundel.validate.figures.errors_by_variable import variable_pictures
 from roundel.validate.figures.overlays import worst, worst_stated_overlays
+from roundel.validate.figures.paired_levels import LEVELS, change_pictures, level_pairs
 from roundel.validate.figures.reliability import reliability_pictures
-from roundel.validate.figures.robustness import sweep_pictures
+from roundel.validate.figures.robustness import sweep_pictures, title_of
 from roundel.validate.figures.side_by_side import method_pairs, pair_tables, runs_to_compare, side_by_side_pictures
+from roundel.validate.figures.svg import Picture
 from roundel.validate.figures.uncertainty import uncertainty_pictures
 from roundel.validate.figures.verdicts import verdict_pictures
 from roundel.validate.figures.writers import write_figures
@@ -170,8 +172,9 @@ def _write_report(
         caveats=found.caveats,
         diagnoses=[diagnosis.record() for diagnosis in diagnoses],
     )
-    pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations)
-    more = [*_compared(scores, summary), *(t for t in [worst_stated_table(scores.table)] if t.rows)]
+    levels = pair_tables(level_pairs(runs_to_compare(scores.table, summary.runs), summary.sweeps), LEVELS)
+    pictures = _pictures(dataset, scores, summary, benefit, verdicts, calibrations, levels)
+    more = [*_compared(scores, summary), *levels, *(t for t in [worst_stated_table(scores.table)] if t.rows)]
     overlays = Overlays(worst(dataset, scores), worst_stated_overlays(dataset, scores))
     html = render_report(summary, pictures, overlays, more)
     # Without its summary a folder is no report: it comes last, and that of an earlier report goes first.
@@ -217,6 +220,7 @@ def _pictures(
     benefit: CalibrationBenefit | None,
     verdicts: list[Verdict],
     calibrations: _Calibrations,
+    levels: list[Table],
 ) -> Pictures:
     """Every figure of the report."""
     main = main_run(summary)
@@ -224,7 +228,7 @@ def _pictures(
         lead=benefit_pictures(benefit) if benefit else [],
         verdicts=verdict_pictures(scores.table, dataset.study, verdicts),
         errors=pictures(scores.table, main["method"]),
-        sweeps=sweep_pictures(summary.sweeps),
+        sweeps=[*sweep_pictures(summary.sweeps), *_level_pictures(summary, levels)],
         matrix=variable_pictures(scores.table, main["method"], main["intrinsics"]),
         comparison=side_by_side_pictures(
             runs_to_compare(scores.table, summary.runs), "Methods and intrinsics side by side"
@@ -233,6 +237,12 @@ def _pictures(
         uncertainty=uncertainty_pictures(summary.runs),
         reliability=reliability_pictures(summary.runs),
     )
+
+
+def _level_pictures(summary: Summary, levels: list[Table]) -> list[Picture]:
+    """One figure of the differences between the levels of all sweeps."""
+    titles = {title_of(sweep) for sweep in summary.sweeps}
+    return change_pictures("levels", LEVELS.comparisons, levels, titles.pop() if len(titles) == 1 else "")
 
 
 def _compared(scores: Scores, summary: Summary) -> list[Table]:

@@ -22,9 +22,9 @@ def add_import(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         help="what was printed: a study (a YAML file, or the name of a shipped one), or a kind of marker as in "
         "`roundel marker`, such as disc_with_chessboard",
     )
-    verb.add_argument("--group", metavar="GROUP", help="group of the study whose sheet it is")
-    verb.add_argument("--diameter-m", type=positive, metavar="D", help="of a kind: as in `roundel marker`")
-    verb.add_argument("--set", action="append", metavar="KEY=VALUE", help="of a kind: as in `roundel marker`")
+    verb.add_argument("--group", metavar="GROUP", help="group of the study that has the sheet")
+    verb.add_argument("--diameter-m", type=positive, metavar="D", help="with a kind: as in `roundel marker`")
+    verb.add_argument("--set", action="append", metavar="KEY=VALUE", help="with a kind: as in `roundel marker`")
     verb.add_argument(
         "--ruler-mm",
         type=positive,

@@ -151,11 +151,20 @@ def do_develop(arguments: argparse.Namespace) -> int:
             on_warning=_warn,
             jobs=arguments.jobs,
             scheduler=arguments.scheduler,
+            keep_radiance=not arguments.no_radiance,
         )
     _warn_of_flags(dataset)
     identity, source = (str(dataset.manifest[key])[:12] for key in ("dataset_id", "developed_from"))
-    print(f"{arguments.out}: {len(dataset)} frames, dataset_id {identity}, developed from {source}")
+    frames = f"{len(dataset)} frames{_levels(dataset)}"
+    print(f"{arguments.out}: {frames}, dataset_id {identity}, developed from {source}")
     return 0
+
+
+def _levels(dataset: Any) -> str:
+    """The swept keys of a dataset and the numbers of their levels, in brackets."""
+    swept = [group["sweep"] for group in dataset.study["groups"].values() if group.get("sweep")]
+    texts = dict.fromkeys(f"{len(sweep['levels'])} levels of {sweep['key']}" for sweep in swept)
+    return f" ({', '.join(texts)})" if texts else ""
 
 
 def _warn_of_flags(dataset: Any) -> None:

@@ -2,6 +2,7 @@
 
 camera_records: The camera records of a dataset's frames, a shard at a time: memory does not grow with their number
 contents: What a dataset holds: its identity, its shards, the checksums of their files; nothing of its study or truth
+developed: Whose radiance the frames of a developed (re-exposed) dataset have
 files: Names of the files of a dataset
 images: Images and cameras of a dataset: everything that a solver may open
 journal: The journal of a finished shard: one line per frame, sorted, each with a checksum of its own

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from roundel.datasets.layout.developed import Repeated
 from roundel.datasets.layout.files import IMAGES, MASKS, RADIANCE
 from roundel.datasets.store.store import MOST_BYTES, is_confined
 from roundel.scenes.errors import DataError
@@ -280,6 +281,14 @@ def _fidelity(summary: dict[str, Any]) -> dict[str, Any]:
 FidelitySummary = Annotated[dict[str, Any], AfterValidator(_fidelity)]
 
 
+class RadianceRecord(BaseModel):
+    """The rendered frames whose radiance a developed dataset has, see `datasets.layout.developed`."""
+
+    model_config = _STRICT
+    dataset_id: Digest
+    groups: dict[str, Repeated] = {}
+
+
 class ShardRecord(BaseModel):
     """shard.json: what a shard holds."""
 
@@ -294,6 +303,7 @@ class ShardRecord(BaseModel):
     files: dict[str, FileRecord]
     images_sha256: Digest
     developed_from: Digest | None = None
+    radiance_of: RadianceRecord | None = None
 
     @model_validator(mode="after")
     def _names(self) -> ShardRecord:
@@ -347,6 +357,7 @@ class ManifestRecord(BaseModel):
     complete: bool = True
     images_sha256: Digest | None = None
     developed_from: Digest | None = None
+    radiance_of: RadianceRecord | None = None
     truth_salted_sha256: Digest | None = None
     shards: list[PartRecord] | None = None
     reference: ReferenceRecord | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from roundel.datasets.layout.images import Images
@@ -15,6 +16,18 @@ Manifest = dict[str, Any]
 def sweep_keys(manifest: Manifest) -> dict[str, str]:
     """The swept key of each group that has a sweep, such as `sensor.read_noise_e`."""
     return {name: str(sweep["key"]) for name, sweep in _sweeps(manifest).items()}
+
+
+def sweep_levels(manifest: Manifest) -> dict[str, list[float | str]]:
+    """The levels of each group that has a sweep."""
+    return {name: list(sweep["levels"]) for name, sweep in _sweeps(manifest).items()}
+
+
+def level_numbers(levels: Sequence[float | str]) -> list[float]:
+    """The levels of a sweep as numbers: themselves, or their positions from 0 if they are words."""
+    if any(isinstance(level, str) for level in levels):
+        return [float(i) for i in range(len(levels))]
+    return [float(level) for level in levels]
 
 
 def _sweeps(manifest: Manifest) -> dict[str, dict[str, Any]]:
@@ -43,7 +56,8 @@ def _first_frames(images: Images, manifest: Manifest) -> dict[str, tuple[int, in
 
 
 def sweep_positions(images: Images, manifest: Manifest) -> dict[int, tuple[float | None, int]]:
-    """(level, position within the level) of each frame; the level is None without a sweep.
+    """(level, position within the level) of each frame; the level is a number, see `level_numbers`, or None
+    without a sweep.
 
     A group's frames are consecutive, level by level (`scenes.frame`). Some may be missing.
     """
@@ -51,8 +65,7 @@ def sweep_positions(images: Images, manifest: Manifest) -> dict[int, tuple[float
     out: dict[int, tuple[float | None, int]] = {}
     for frame_id, group in zip(images.frame_ids, images.groups, strict=True):
         first, count = ranges[group]
-        levels: list[float | None] = list(sweeps[group]["levels"]) if group in sweeps else [None]
+        levels: list[float | None] = [*level_numbers(sweeps[group]["levels"])] if group in sweeps else [None]
         step, position = divmod(frame_id - first, count // len(levels))
-        level = levels[step]
-        out[frame_id] = None if level is None else float(level), position
+        out[frame_id] = levels[step], position
     return out

@@ -73,7 +73,7 @@ def group_facts(
         "World": group.world.kind if group.mode == "images" else "none: points of the contour, no images",
     }
     if group.sweep is not None:
-        rows["Sweep"] = f"{group.sweep.key}: {', '.join(f'{v:g}' for v in group.sweep.levels)}"
+        rows["Sweep"] = f"{group.sweep.key}: {group.sweep.shown_levels}"
     drawn = tuple(
         Drawn(key, describe_spread(spread), tuple(f"{facts.frame.drawn[key]:.4g}" for facts in shown))
         for key, spread in ((".".join(map(str, place)), spread) for place, spread in group.spreads)

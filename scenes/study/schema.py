@@ -18,7 +18,7 @@ from roundel.scenes.study.marker_section import CIRCULAR, Marker
 from roundel.scenes.study.pose_section import MarkersSection, PoseSection
 from roundel.scenes.study.section import Section
 from roundel.scenes.study.sensor_section import ISP_PRESETS, SensorSection
-from roundel.scenes.study.values import NonNegative, Positive, Spread
+from roundel.scenes.study.values import Level, NonNegative, Positive, Spread
 from roundel.scenes.study.world_section import WORLDS, WorldSection
 
 SCHEMA_VERSION = 1
@@ -70,13 +70,46 @@ class PointsSection(Section):
     sigma_px: NonNegative = Field(default=1.0, description="standard deviation of the noise on each coordinate, px")
 
 
+def put_level(section: Any, path: Key, level: float | str) -> None:
+    """Set one key of a section's plain values to a level of a sweep, in place.
+
+    Raises
+    ------
+    KeyError, IndexError, TypeError
+        If the section has no such place.
+    """
+    node = section
+    for part in path[:-1]:
+        node = node[part]
+    # A key of whole numbers, such as sensor.bits, takes no 8.0.
+    node[path[-1]] = int(level) if isinstance(level, float) and level.is_integer() else level
+
+
 class SweepSection(Section):
     """Repeats the same frames at each level of one key, such as `sensor.read_noise_e`."""
 
     key: str = Field(description="key that is swept, such as sensor.read_noise_e")
-    levels: list[float] = Field(
-        min_length=1, max_length=1000, description="values of the key; every frame is repeated at each"
+    levels: list[Level] = Field(
+        min_length=1,
+        max_length=1000,
+        description="values of the key, numbers or words; every frame is repeated at each",
     )
+
+    @property
+    def path(self) -> Key:
+        """The swept key's place in a group's section."""
+        return tuple(int(part) if part.isdigit() else part for part in self.key.split("."))
+
+    @property
+    def shown_levels(self) -> str:
+        """The levels as text."""
+        return ", ".join(level if isinstance(level, str) else f"{level:g}" for level in self.levels)
+
+    @model_validator(mode="after")
+    def _of_one_kind(self) -> SweepSection:
+        if len({isinstance(level, str) for level in self.levels}) > 1:
+            raise ValueError("levels are numbers or words, not both")
+        return self
 
 
 class GroupSection(Section):

@@ -117,6 +117,15 @@ def _whole(raw: Any) -> Value:
     return value
 
 
+def _level(raw: Any) -> float | str:
+    """A level of a sweep: a number, or the word that a key takes, such as `srgb`."""
+    if isinstance(raw, str):
+        return raw
+    if isinstance(raw, bool) or not isinstance(raw, int | float):
+        raise ValueError(f"{raw!r} is not a level; give a number, or a word that the key takes")
+    return _number(raw)
+
+
 def _plain(value: Value) -> Any:
     return {value.kind: list(value.args)} if isinstance(value, Spread) else value
 
@@ -169,3 +178,8 @@ Roughness = _value_type(_bounded(0.01, 1.0, False, "a roughness must be between 
 Index = _value_type(_bounded(1.05, 4.0, False, "a refractive index must be between 1.05 and 4"))
 Share = _value_type(_bounded(0.0, 1.0, True, "it must be positive and at most 1"))
 Identity = _value_type(_whole)
+Level = Annotated[
+    Any,
+    PlainValidator(_level),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]}, mode="validation"),
+]

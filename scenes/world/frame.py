@@ -17,7 +17,7 @@ from roundel.scenes.geometry.pose import transform_points
 from roundel.scenes.markers.marker import Part, Sheet
 from roundel.scenes.markers.surfaces import lifted, tangent_frame
 from roundel.scenes.study.sampling import draw, frame_count, frames_per_level, stream
-from roundel.scenes.study.schema import GroupSection
+from roundel.scenes.study.schema import GroupSection, put_level
 from roundel.scenes.study.study import Study, validated
 from roundel.scenes.surroundings.bodies import Surroundings
 from roundel.scenes.surroundings.places import surroundings_of
@@ -44,7 +44,7 @@ class Frame:
     frame_id: int
     group: str
     index: int
-    level: float | None
+    level: float | str | None
     settings: GroupSection
     camera: Camera
     motion: Motion
@@ -130,7 +130,7 @@ def group_ranges(study: Study) -> dict[str, range]:
     return ranges
 
 
-def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[GroupSection, dict[str, float]]:
+def _drawn(study: Study, name: str, index: int, level: float | str | None) -> tuple[GroupSection, dict[str, float]]:
     """A group's section with distributions replaced by the values of one frame, and these values by dotted key."""
     group = study.groups[name]
     raw = group.model_dump(exclude_none=True)
@@ -149,7 +149,7 @@ def _drawn(study: Study, name: str, index: int, level: float | None) -> tuple[Gr
         put(key, value)
     if group.sweep is not None and level is not None:
         try:
-            put(tuple(int(p) if p.isdigit() else p for p in group.sweep.key.split(".")), level)
+            put_level(raw, group.sweep.path, level)
         except (KeyError, IndexError, TypeError) as error:
             raise study.error(f"sweep.key: no key {group.sweep.key!r} in this group", name, "sweep", "key") from error
     try:

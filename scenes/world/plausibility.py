@@ -57,10 +57,9 @@ def implausible_values(study: Study) -> list[str]:
 
 def _of_group(group: GroupSection) -> Iterator[tuple[Key, str]]:
     ranges = dict(_ranges(group, ()))
-    if group.sweep is not None:
+    if group.sweep is not None and not isinstance(group.sweep.levels[0], str):
         # The levels replace the key's own value; the wrong unit is then in the levels.
-        swept = tuple(int(p) if p.isdigit() else p for p in group.sweep.key.split("."))
-        ranges[swept] = min(group.sweep.levels), max(group.sweep.levels)
+        ranges[group.sweep.path] = min(group.sweep.levels), max(group.sweep.levels)
     for key, (low, high) in ranges.items():
         sentence = _print_size(key, high) or _tilt(key, high) or _turn(key, group, low, high)
         if sentence:

@@ -45,7 +45,7 @@ def run(words: list[str], folder: Path) -> None:
 def made(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     small_study(folder, *TINY)
-    (folder / "sensor.yaml").write_text("sensor: {full_well_e: 4000}\n")
+    (folder / "sensor.yaml").write_text("sweep: {key: sensor.full_well_e, levels: [4000, 400]}\n")
     for words in (["made"], ["one", "--slice", "1/2"], ["two", "--slice", "2/2"]):
         run([sys.executable, "-m", "roundel.cli.main", "render", "study.yaml", *words], folder)
     run(command("solve", folder, folder / "estimates"), folder)

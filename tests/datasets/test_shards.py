@@ -224,7 +224,7 @@ def test_several_processes_give_the_bytes_of_one(whole: Path, tmp_path: Path) ->
     # Processes are started fresh, with shards as large as they are by default: two of them, of points.
     edits = (*TINY[:3], ("frames: 4", "groups: {drawn: {mode: points, frames: 1100}, seen: {frames: 2}}"))
     small_study(tmp_path, *edits)
-    (tmp_path / "sensor.yaml").write_text("sensor: {full_well_e: 4000}\n")
+    (tmp_path / "sensor.yaml").write_text("read_noise_e: 9\nsweep: {key: sensor.full_well_e, levels: [4000, 400]}\n")
 
     def run(*words: str) -> None:
         command = [sys.executable, "-m", "roundel.cli.main", *words]

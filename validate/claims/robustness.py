@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from roundel.datasets.layout.sweeps import level_numbers
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.validate.metrics.metric import NORMAL, POSITION, REPROJECTION, Metric
 from roundel.validate.metrics.rows import Rows, column, flag_column, those, where_text
@@ -33,6 +34,14 @@ _RESAMPLES = 2000
 # Displayed names and units of swept keys; other keys are displayed as they are.
 TITLES: dict[str, tuple[str, str]] = {
     "sensor.full_well_e": ("Full well", "electrons"),
+    "sensor.exposure_e": ("Exposure of white", "electrons"),
+    "sensor.exposure_ph": ("Exposure of white", "photons"),
+    "sensor.read_noise_e": ("Read noise", "electrons"),
+    "sensor.gain_dn_per_e": ("Gain", "DN/electron"),
+    "sensor.bits": ("Bits", ""),
+    "sensor.curve": ("Response curve", ""),
+    "sensor.gamma": ("Gamma", ""),
+    "sensor.isp": ("Processing", ""),
     "sensor.white_level": ("White paper over the full well", ""),
     "sensor.isp.sharpen_amount": ("Sharpening", ""),
     "camera.f_number": ("F-number", ""),
@@ -108,13 +117,17 @@ class Curve:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A swept key with its levels in the study's order, its reference level for doubling, and its curves."""
+    """A swept key with its levels in the study's order, its reference level for doubling, and its curves.
+
+    `words` has the levels of a key that takes words, such as a response curve; its `levels` are their positions.
+    """
 
     group: str
     key: str
     title: str
     unit: str
     levels: list[float]
+    words: list[str]
     reference: int
     curves: list[Curve]
 
@@ -143,7 +156,8 @@ def sweeps_of(table: Rows, study: dict[str, Any]) -> list[Sweep]:
         swept = section.get("sweep")
         if not swept:
             continue
-        levels = [float(level) for level in swept["levels"]]
+        levels = level_numbers(swept["levels"])
+        words = [level for level in swept["levels"] if isinstance(level, str)]
         # The reference is level 0 if there is one, else the first level.
         reference = levels.index(0.0) if 0.0 in levels else 0
         curves = []
@@ -154,7 +168,7 @@ def sweeps_of(table: Rows, study: dict[str, Any]) -> list[Sweep]:
                 curves.append(curve)
         if curves:
             title, unit = TITLES.get(swept["key"], (swept["key"], ""))
-            found.append(Sweep(name, swept["key"], title, unit, levels, reference, curves))
+            found.append(Sweep(name, swept["key"], title, unit, levels, words, reference, curves))
     return found
 
 
@@ -313,6 +327,6 @@ def sweep_summary(sweeps: list[Sweep]) -> list[dict[str, Any]]:
                     },
                 }
             )
-        facts = {"group": sweep.group, "key": sweep.key, "title": sweep.title, "unit": sweep.unit}
+        facts = {"group": sweep.group, "key": sweep.key, "title": sweep.title, "unit": sweep.unit, "words": sweep.words}
         out.append({**facts, "levels": sweep.levels, "reference": sweep.levels[sweep.reference], "curves": curves})
     return out

@@ -6,6 +6,7 @@ error_curves: The paper's figure: errors over distance, a panel for each tilt
 errors_by_variable: Every variable against every error: a matrix of small plots
 log_ticks: Logarithmic axes with a few plain numbers as ticks, whose labels do not overlap
 overlays: The worst frames: image crops with the true contour and the estimated ellipse
+paired_levels: Differences between images of the same frames: levels of a sweep, or several sensors
 reliability: Reliability curves: how often a statement is right, over the probability that it was given
 robustness: Figures of sweeps: error over the level of a nuisance, with its interval and bound
 side_by_side: Runs side by side: a figure of their errors, and paired comparisons on shared frames

@@ -8,7 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.validate.claims.robustness import BESIDE, is_logarithmic
-from roundel.validate.figures.svg import CURVES, INK, Picture, add_legend, colour, draw_svg, marker, name_of
+from roundel.validate.figures.svg import (
+    CURVES,
+    INK,
+    Picture,
+    add_legend,
+    colour,
+    draw_svg,
+    legend_text,
+    marker,
+    name_of,
+)
 from roundel.validate.scores.summary import number
 
 if TYPE_CHECKING:
@@ -54,7 +64,7 @@ def title_of(sweep: dict[str, Any]) -> str:
 def unit_in_words(sweep: dict[str, Any]) -> str:
     """Label of the error's axis."""
     relative = sweep["curves"][0]["unit"] == "bounds"
-    return "normal error / bound\nat the mildest level" if relative else "normal error, median [deg]"
+    return f"normal error / bound\nat the {_reference(sweep)} level" if relative else "normal error, median [deg]"
 
 
 def sweep_caption(sweep: dict[str, Any]) -> str:
@@ -63,14 +73,21 @@ def sweep_caption(sweep: dict[str, Any]) -> str:
     relative = sweep["curves"][0]["unit"] == "bounds"
     text = (
         f"Normal error of the better candidate over {title_of(sweep)}"
-        + (", divided by the frame's own Cramer-Rao bound at the mildest level" if relative else "")
+        + (f", divided by the frame's own Cramer-Rao bound at the {_reference(sweep)} level" if relative else "")
         + f": median over the same {frames} circles at every level; an unsolved circle counts as an infinite error. "
-        "Bands: 95 % interval (bootstrap over frames); dashed: where the error has doubled; dotted: "
-        "the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to 0.83 "
-        "of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the share "
-        "of circles with a pose, with Wilson's."
+        "Bands: 95 % interval (bootstrap over frames); "
+        + ("" if sweep.get("words") else "dashed: where the error has doubled; ")
+        + "dotted: the bound of each level, a bound of the RMS: the median of a method that reaches it is at 0.67 to "
+        "0.83 of it. Beside it, the medians of position and reprojection with the same intervals, and the recall, the "
+        "share of circles with a pose, with Wilson's."
     )
-    return " ".join([text, *(doubling_in_words(sweep, curve) for curve in sweep["curves"])])
+    # Nothing lies between two words.
+    doublings = [] if sweep.get("words") else [doubling_in_words(sweep, curve) for curve in sweep["curves"]]
+    return " ".join([text, *doublings])
+
+
+def _reference(sweep: dict[str, Any]) -> str:
+    return "first" if sweep.get("words") else "mildest"
 
 
 def doubling_in_words(sweep: dict[str, Any], curve: dict[str, Any]) -> str:
@@ -88,10 +105,11 @@ def draw_sweep(axes: Axes, sweep: dict[str, Any]) -> None:
     """Draw the normal's error of a sweep into a panel: levels from mild to severe, left to right."""
     draw_error(axes, sweep, "normal")
     first = sweep["curves"][0]
+    doubled = None if sweep.get("words") else first["doubling"]["level"]
     x, bound = _ordered(sweep, first["normal_bound"])
     axes.plot(x, bound, color=INK, ls=":", lw=1.0)
-    if first["doubling"]["level"] is not None:
-        axes.axvline(first["doubling"]["level"], color=CURVES[-1], ls="--", lw=0.9)
+    if doubled is not None:
+        axes.axvline(doubled, color=CURVES[-1], ls="--", lw=0.9)
     _limit(axes, [*_known(sweep, "normal"), *(v for c in sweep["curves"] for v in c["normal_bound"] if v)])
 
 
@@ -151,7 +169,9 @@ def _limit(axes: Axes, known: list[float]) -> None:
 
 def _level_axis(axes: Axes, sweep: dict[str, Any]) -> None:
     levels = sorted(sweep["levels"])
-    if is_logarithmic(levels):
+    if words := sweep.get("words"):  # reports of older versions do not have it
+        axes.set_xticks(levels, [legend_text(word) for word in words])
+    elif is_logarithmic(levels):
         axes.set_xscale("log")
         axes.set_xticks(levels, [f"{v:g}" for v in levels], minor=False)
         axes.xaxis.set_minor_formatter("")

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.validate.figures.log_ticks import set_log_ticks
 from roundel.validate.figures.svg import Picture, colour, draw_svg, legend_text, marker
 from roundel.validate.metrics.metric import HEADLINE, NORMAL, Metric
-from roundel.validate.metrics.rows import Rows, flag_column
+from roundel.validate.metrics.rows import Rows, circle_keys, flag_column, shared
 from roundel.validate.scores.comparisons import shared_rows, stated_difference
 from roundel.validate.scores.stated_uncertainty import ASKED, JUDGED
 from roundel.validate.scores.summary import CHESSBOARD, run_rows
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
 
 ALPHA = 0.05
 # With fewer shared frames there is no test.
@@ -53,11 +55,51 @@ class Entry:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two runs on their shared frames."""
+    """Two runs on their shared frames.
+
+    `frames` has the frame of each row of both, if these show the same scenes in different images.
+    """
 
     first: Entry
     second: Entry
     about: str
+    frames: tuple[Labels, Labels] | None = None
+
+    def shared(self) -> tuple[Rows, Rows]:
+        """The rows of the circles that both should find, in the same order."""
+        if self.frames is None:
+            return shared_rows(self.first.rows, self.second.rows)
+        keys = [circle_keys(entry.rows) for entry in (self.first, self.second)]
+        for key, frame in zip(keys, self.frames, strict=True):
+            key["frame_id"] = frame
+        i, j = shared(*keys)
+        return self.first.rows.take(pa.array(i)), self.second.rows.take(pa.array(j))
+
+
+@dataclass(frozen=True)
+class Wording:
+    """Names and headings of the tables of pairs."""
+
+    prefix: str
+    comparisons: str
+    solved_by_one: str
+    about: str
+    first: str
+    second: str
+    scale: str
+
+
+RUNS = Wording(
+    "",
+    "Paired comparisons",
+    "Circles solved by only one method",
+    "Intrinsics",
+    "First",
+    "Second",
+    "divided by its own Cramer-Rao bound if all have one",
+)
+# The two images of a circle differ: its bound, too.
+ONE_SCALE = "divided by the circle's Cramer-Rao bound in the first, if all have one, so that both have one scale"
 
 
 def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]:
@@ -101,50 +143,52 @@ def side_by_side_pictures(entries: Sequence[Entry], title: str) -> list[Picture]
     return [Picture("side-by-side", caption, draw_svg("side-by-side", title, size, draw))]
 
 
-def pair_tables(pairs: Sequence[Pair]) -> list[Table]:
+def pair_tables(pairs: Sequence[Pair], wording: Wording = RUNS) -> list[Table]:
     """Errors and failures of pairs of runs, frame by frame; empty if too few frames are shared."""
     errors: list[list[Any]] = []
     solved: list[list[Any]] = []
     stated: list[list[Any]] = []
     for pair in pairs:
-        a, b = shared_rows(pair.first.rows, pair.second.rows)
+        a, b = pair.shared()
         if a.num_rows >= MIN_SHARED:
             solved.append(_solved(pair, a, b))
-            stated += [] if (row := _stated(pair, a, b)) is None else [row]
+            # Of another image, a better score need not be a better statement.
+            if pair.frames is None and (stating := _stated(pair, a, b)) is not None:
+                stated.append(stating)
             errors += [row for error in ERRORS if (row := _compared(pair, a, b, error)) is not None]
     for rows, at in ((errors, 9), (solved, 6), (stated, _STATED_P)):
         for row, p in zip(rows, holm([row[at] for row in rows]), strict=True):
             row[at] = float(p)
             row.append(_better(row, at))
-    about = (Column("about", "Intrinsics"), Column("first", "First"), Column("second", "Second"))
+    about = (Column("about", wording.about), Column("first", wording.first), Column("second", wording.second))
     end = (Column("p_holm", "p", "Holm"), Column("better", "Smaller error"))
     ratio = Table(
-        "comparisons",
-        "Paired comparisons",
+        f"{wording.prefix}comparisons",
+        wording.comparisons,
         (
             *about,
             Column("error", "Error"),
             Column("frames", "Circles", "both solved"),
-            Column("ratio_rms", "Second / first", "RMS"),
+            Column("ratio_rms", f"{wording.second} / {wording.first.lower()}", "RMS"),
             Column("ratio_low", "", role="low"),
             Column("ratio_high", "", role="high"),
             Column("detectable_pct", "Detectable", "% change"),
             *end,
         ),
         _plain(errors),
-        "Ratio of the RMS errors of the better candidate over the circles that both solved, each error divided by its "
-        "own Cramer-Rao bound if all have one, with its 95 % interval by a paired bootstrap in brackets. p: two-sided, "
+        "Ratio of the RMS errors of the better candidate over the circles that both solved, each error "
+        f"{wording.scale}, with its 95 % interval over frames in brackets. p: two-sided, "
         "Holm-corrected over this table. Detectable: the change that these circles would show in 95 of 100 cases at "
         f"level {ALPHA:g}. Camera frame; reprojection in the delivered image.",
     )
     lost = Table(
-        "solved_by_one",
-        "Circles solved by only one method",
+        f"{wording.prefix}solved_by_one",
+        wording.solved_by_one,
         (
             *about,
             Column("circles", "Circles", "shared"),
-            Column("only_first", "First alone", "count"),
-            Column("only_second", "Second alone", "count"),
+            Column("only_first", f"{wording.first} alone", "count"),
+            Column("only_second", f"{wording.second} alone", "count"),
             Column("p_holm", "p", "Holm"),
             Column("better", "Solves more"),
         ),
@@ -200,20 +244,29 @@ def _stated(pair: Pair, a: Rows, b: Rows) -> list[Any] | None:
 
 
 def _compared(pair: Pair, a: Rows, b: Rows, error: Metric) -> list[Any] | None:
-    first, second = (error.over_bound(t) for t in (a, b))
+    first, second = _over_bounds(pair, a, b, error)
     plain = [error.values(t) for t in (a, b)]
     bounded = np.isfinite(plain[0]) & np.isfinite(plain[1])
     x, y = (first, second) if np.array_equal(np.isfinite(first) & np.isfinite(second), bounded) else plain
     x, y = x[bounded], y[bounded]
     if len(x) < MIN_SHARED:
         return None
-    test = rms_ratio_test(y, x, alpha=ALPHA / 2)
+    frame = a["frame_id"].to_numpy()[bounded]
+    test = rms_ratio_test(y, x, alpha=ALPHA / 2, clusters=frame)
     if not math.isfinite(test.effect):
         return None
     low, high = (math.exp(test.effect + z * test.standard_error) for z in (-1.96, 1.96))
     p = 2 * min(test.p_value, 1 - test.p_value) if test.standard_error else 1.0
     head = [pair.about, pair.first.label, pair.second.label, error.label, len(x)]
     return [*head, math.exp(test.effect), low, high, 100 * math.expm1(test.detectable), p]
+
+
+def _over_bounds(pair: Pair, a: Rows, b: Rows, error: Metric) -> tuple[Array, Array]:
+    """Errors over their bounds; NaN without one. Different images of a circle have one scale, that of the first."""
+    if pair.frames is None:
+        return error.over_bound(a), error.over_bound(b)
+    bound = np.where((found := error.bounds(a)) > 0, found, np.nan)
+    return error.values(a) / bound, error.values(b) / bound
 
 
 def _solved(pair: Pair, a: Rows, b: Rows) -> list[Any]:

@@ -1,4 +1,4 @@
-"""`roundel compare`: one page over several reports, paired by frame where they share a dataset.
+"""`roundel compare`: one page over several reports, paired by frame where they share a dataset or its radiance.
 
 Reports with different metric versions or different extents of the reprojection grid are not compared.
 """
@@ -16,6 +16,7 @@ from roundel.datasets.store.writing import write_file
 from roundel.scenes.display_text import NAME_LIMIT, clean
 from roundel.scenes.errors import DataError, NotComparableError, UsageError
 from roundel.validate.claims.benefit_over_cameras import benefit_over_cameras
+from roundel.validate.figures.paired_levels import SENSORS, change_pictures
 from roundel.validate.figures.side_by_side import (
     ERRORS,
     NO_DIFFERENCE,
@@ -27,6 +28,7 @@ from roundel.validate.figures.side_by_side import (
 )
 from roundel.validate.figures.writers import write_figures
 from roundel.validate.report.html import Tables, figures, fill, presentable_summary
+from roundel.validate.report.same_radiance import Origin, origin_of, sensor_pairs
 from roundel.validate.scores.report_files import SCORES, read_report_files
 from roundel.validate.scores.scores import KEY, SCORES_SCHEMA
 from roundel.validate.scores.summary import CHESSBOARD, SCHEMA, Summary, versions
@@ -37,8 +39,15 @@ from roundel.validate.tables.writers import write_tables
 
 PAGE = "compare.html"
 # The columns that are read from a report's scores.
-NEEDED = (*KEY, "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
-NAMES = ("results", "comparisons", "solved_by_one", "stated_pairs", "benefit_over_cameras", "reports")
+NEEDED = (*KEY, "group", "solved", "distance_m", *(m.bound for m in ERRORS if m.bound), *(m.oracle for m in ERRORS))
+NAMES = (
+    "results", "comparisons", "solved_by_one", "stated_pairs", "sensor_comparisons", "sensor_solved_by_one",
+    "benefit_over_cameras", "reports",
+)  # fmt: skip
+
+
+# More sentences on sensors than these hide the rest of the summary.
+_MOST_SENTENCES = 9
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,15 @@ class Report:
     def dataset_id(self) -> str:
         """Identity of the dataset's scenes."""
         return str(self.summary.dataset["dataset_id"])
+
+    @property
+    def origin(self) -> Origin:
+        """Where the radiance of its frames comes from."""
+        return origin_of(self.summary.dataset)
+
+    def shares_radiance(self, other: Report) -> bool:
+        """Whether both are of different images of the same rendered frames."""
+        return self.dataset_id != other.dataset_id and self.origin.rendered_id == other.origin.rendered_id
 
 
 def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[str]:
@@ -92,20 +110,25 @@ def compare_reports(paths: Sequence[str | Path], out_path: str | Path) -> list[s
     reports = [read_report(p, label) for p, label in zip(folders, labels_of(folders), strict=True)]
     _check(reports, folders)
     entries = [runs_to_compare(r.scores, r.summary.runs, r.label) for r in reports]
-    found = [_results(reports), *pair_tables(_pairs(reports, entries)), *_over_cameras(reports), _sources(reports)]
+    sensors = pair_tables(_sensor_pairs(reports, entries), SENSORS)
+    found = [
+        _results(reports), *pair_tables(_pairs(reports, entries)), *sensors, *_over_cameras(reports), _sources(reports)
+    ]  # fmt: skip
     tables = {table.name: table for table in found}
     said = _sentences(reports, tables)
+    changes = change_pictures("sensors", SENSORS.comparisons, sensors)
     drawn = side_by_side_pictures([entry for mine in entries for entry in mine], "The reports side by side")
     html = fill(
         "compare.html.j2",
         title=" and ".join(r.label for r in reports) if len(reports) == 2 else f"{len(reports)} reports",
         sentences=said,
         pictures=figures(drawn),
+        changes=figures(changes),
         tables=Tables(tables),
         version=versions()["roundel"],
     )
     write_file(out / PAGE, html.encode())
-    write_figures(out, drawn)
+    write_figures(out, [*drawn, *changes])
     write_tables(out, found, NAMES)
     return said
 
@@ -182,6 +205,17 @@ def _pairs(reports: Sequence[Report], entries: Sequence[Sequence[Entry]]) -> lis
     return pairs
 
 
+def _sensor_pairs(reports: Sequence[Report], entries: Sequence[Sequence[Entry]]) -> list[Pair]:
+    """Pair runs with those of the first report on other images of the same radiance."""
+    first, *others = ((r.label, r.origin, mine) for r, mine in zip(reports, entries, strict=True))
+    return [
+        pair
+        for report, other in zip(reports[1:], others, strict=True)
+        if report.shares_radiance(reports[0])
+        for pair in sensor_pairs(first, other)
+    ]
+
+
 def _results(reports: Sequence[Report]) -> Table:
     runs = [
         {**run, "report": report.label, "dataset": report.summary.dataset["name"]}
@@ -214,8 +248,9 @@ def _sources(reports: Sequence[Report]) -> Table:
 def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]:
     same = [r for r in reports[1:] if r.dataset_id == reports[0].dataset_id]
     images = {str(r.summary.checksums.get("images")) for r in (reports[0], *same)}
+    sensors = [r for r in reports[1:] if r.shares_radiance(reports[0])]
     found = []
-    if len(same) < len(reports) - 1:
+    if len(same) + len(sensors) < len(reports) - 1:
         found.append(
             "The reports are of different datasets. These are shown side by side; no difference between them is "
             "claimed, because their frames are not the same."
@@ -223,6 +258,12 @@ def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]
     if same:
         pixels = "the same images" if len(images) == 1 else "the same scenes, whose images differ"
         found.append(f"{len(same) + 1} reports are of one dataset, {pixels}: they are compared frame by frame.")
+    if sensors:
+        found.append(
+            f"{len(sensors) + 1} reports are of the same radiance under different sensors (rendered as dataset "
+            f"{reports[0].origin.rendered_id[:12]}): their images of each rendered frame are compared in pairs."
+        )
+        found += _sensor_sentences(tables.get("sensor_comparisons"))
     if same and "comparisons" not in tables:
         found.append("No shared method and intrinsics have enough circles solved by both, so nothing is tested.")
     for row in tables["comparisons"].rows if "comparisons" in tables else ():
@@ -233,6 +274,25 @@ def _sentences(reports: Sequence[Report], tables: dict[str, Table]) -> list[str]
     if "stated_pairs" in tables:
         found += [_stated_sentence(tables["stated_pairs"], row) for row in tables["stated_pairs"].rows]
     return found
+
+
+def _sensor_sentences(table: Table | None) -> list[str]:
+    """Which images of the same frames have other errors than those of the first."""
+    if table is None:
+        return ["Too few circles are solved under two of the sensors, so nothing is tested."]
+    sure = [row for row in table.rows if row[-1] not in NO_DIFFERENCE]
+    if not sure:
+        return ["No difference of errors between the sensors is shown."]
+    found = []
+    for row in sure[:_MOST_SENTENCES]:
+        about, first, second, error, _, ratio, low, high = row[:8]
+        ends = f"{formatted(low)}, {formatted(high)}"
+        found.append(
+            f"{str(error).capitalize()}, {about}: the RMS of {second} is {formatted(ratio)} times [{ends}] that of "
+            f"{first}."
+        )
+    more = len(sure) - len(found)
+    return [*found, f"{more} more differences are in the table."] if more else found
 
 
 def _stated_sentence(table: Table, row: Sequence[Cell]) -> str:

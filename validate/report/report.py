@@ -72,7 +72,8 @@ def render_report(summary: Summary, pictures: Pictures, overlays: Overlays, more
     stated = any(tables[name] for name in ("uncertainty", "probabilities"))
     sections = (
         (pictures.lead, "lead", "Calibration"), (verdicts, "verdicts", "Verdicts"),
-        (pictures.errors, "figures", "Distance"), (pictures.matrix, "matrix", "Variables"),
+        (pictures.errors, "figures", "Distance"), (pictures.sweeps, "sweeps", "Levels"),
+        (pictures.matrix, "matrix", "Variables"),
         (True, "results", "Results"), (stated, "uncertainty", "Uncertainty"),
         (chessboard or tables["against_chessboard"], "calibration", "Chessboard"), (True, "frames", "Worst frames"),
         (True, "metrics", "Definitions"), (True, "made", "Provenance"),

@@ -15,7 +15,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from roundel.datasets.dataset import Dataset
-from roundel.datasets.layout.sweeps import sweep_keys
+from roundel.datasets.layout.developed import developed_of
+from roundel.datasets.layout.sweeps import sweep_keys, sweep_levels
 from roundel.scenes.camera.intrinsics_label import IntrinsicsLabel
 from roundel.solver.catalogue import is_own
 from roundel.validate.metrics.metric import (
@@ -238,7 +239,9 @@ def summarise(
             "frames": len(dataset),
             "circles": circles,
             "groups": dict(Counter(dataset.images.groups)),
-            "sweeps": sweep_keys(dataset.manifest),
+            "sweeps": sweep_keys(manifest),
+            **({"sweep_levels": levels} if (levels := sweep_levels(manifest)) else {}),
+            **({} if (developed := developed_of(manifest)) is None else developed.record()),
             "fidelity": _fidelity(manifest.get("fidelity")),
             **({} if dataset.reference is None else {"reference": _reference(dataset.reference)}),
         },

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from roundel.datasets.layout.schema import Count, Digest
+from roundel.datasets.layout.schema import Count, Digest, RadianceRecord
 from roundel.validate.metrics.metric import ELLIPSE_METRICS, HEADLINE
 
 _OPEN = ConfigDict(strict=True, extra="allow", frozen=True)
@@ -83,6 +83,17 @@ class DatasetRecord(BaseModel):
     name: str | None
     seed: int | None
     frames: Count
+    groups: dict[str, Count] = {}
+    sweeps: dict[str, str] = {}
+    sweep_levels: dict[str, list[float | str]] = {}
+    developed_from: Digest | None = None
+    radiance_of: RadianceRecord | None = None
+
+    @model_validator(mode="after")
+    def _names(self) -> DatasetRecord:
+        if not set(self.sweep_levels) <= set(self.sweeps):
+            raise ValueError("sweep_levels has a group that sweeps has not")
+        return self
 
 
 class SettingsRecord(BaseModel):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from roundel.validate.statistics.intervals import frame_numbers
+from roundel.validate.statistics.intervals import LEVEL, Interval, frame_numbers
 
 Array = NDArray[np.float64]
 
@@ -195,6 +195,20 @@ def mcnemar_test(new: ArrayLike, old: ArrayLike, *, alpha: float) -> PairedTest:
     needed = math.ceil(math.log2(1.0 / alpha)) if alpha < 1 else 1
     detectable = float(stats.gamma.isf(1 - _POWER, needed)) / n
     return PairedTest((lost - won) / n, error, p, n, detectable)
+
+
+def rate_difference(only_first: int, only_second: int, n: int, *, level: float = LEVEL) -> Interval:
+    """Difference of two rates of success on the same n items, second minus first, with its interval.
+
+    Wald's interval with half an item added to each of the four cells, which keeps its level for few items and for
+    rates near one. Source: A. Agresti, Y. Min, Simple improved confidence intervals for comparing matched proportions,
+    Statistics in Medicine 24 (2005).
+    """
+    b, c, total = only_first + 0.5, only_second + 0.5, n + 2.0
+    middle = (c - b) / total
+    half = float(stats.norm.ppf((1 + level) / 2)) * math.sqrt(b + c - (c - b) ** 2 / total) / total
+    low, high = max(-1.0, middle - half), min(1.0, middle + half)
+    return Interval((only_second - only_first) / n, low, high, n, "Agresti-Min")
 
 
 def detectable_effect(standard_error: float, alpha: float) -> float:

@@ -31,9 +31,9 @@ Run = dict[str, Any]
 
 NAMES = (
     "benefit", "verdicts", "results", "centres", "chosen", "readings", "uncertainty", "probabilities",
-    "probability_bins",
-    "worst_stated", "groups", "failures", "caveats", "comparisons", "solved_by_one", "stated_pairs", "efficiency",
-    "power", "against_main", "recall", "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
+    "probability_bins", "worst_stated", "groups", "failures", "caveats", "comparisons", "solved_by_one",
+    "stated_pairs", "level_comparisons", "level_solved_by_one", "efficiency", "power", "against_main", "recall",
+    "cells", "calibrations", "calibration_errors", "boards", "against_chessboard",
 )  # fmt: skip
 
 _FRAME = (

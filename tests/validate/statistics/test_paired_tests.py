@@ -7,6 +7,7 @@ from scipy import stats
 from roundel.validate.statistics.paired_tests import (
     mcnemar_test,
     mean_ratio_test,
+    rate_difference,
     rms_ratio_test,
     shift_test,
     sign_test,
@@ -136,3 +137,17 @@ def test_the_sign_test_by_hand():
     new[:5] = [1, 1, 3, 1, 1]
     found = sign_test(new, old, alpha=0.01)
     assert (found.p_value, found.effect) == (pytest.approx(1 / 32), pytest.approx(0.1))
+
+
+@pytest.mark.parametrize(("n", "lost", "won"), [(20, 0.1, 0.1), (48, 0.05, 0.15), (48, 0.01, 0.0), (240, 0.02, 0.03)])
+def test_the_interval_of_a_difference_of_rates_covers_it(n: int, lost: float, won: float) -> None:
+    """Over all outcomes of n frames that only the first or only the second solves, by their probabilities."""
+    b, c = np.meshgrid(np.arange(n + 1), np.arange(n + 1))
+    there = b + c <= n
+    b, c = b[there], c[there]
+    chance = stats.multinomial.pmf(np.stack([b, c, n - b - c], axis=1), n, [lost, won, 1 - lost - won])
+    likely = chance > 1e-7
+    found = [rate_difference(int(i), int(j), n) for i, j in zip(b[likely], c[likely], strict=True)]
+    inside = [(f.low or 0) <= won - lost <= (f.high or 0) for f in found]
+    assert 0.94 < float(chance[likely][inside].sum()) <= 1.0
+    assert rate_difference(3, 1, 10).value == pytest.approx(-0.2)
