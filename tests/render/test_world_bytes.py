@@ -50,11 +50,13 @@ def test_one_thread_gives_the_same_bytes(rendered: Path, tmp_path: Path) -> None
     assert digests(tmp_path / "ds") == digests(rendered / "ds")
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_same_bytes(rendered: Path, tmp_path: Path) -> None:
     render_study(world_study(tmp_path), tmp_path / "ds", jobs=2, threads=1)
     assert digests(tmp_path / "ds") == digests(rendered / "ds")
 
 
+@pytest.mark.slow
 def test_a_frame_is_the_same_first_and_last_in_a_process(rendered: Path, tmp_path: Path) -> None:
     world_study(tmp_path)
     # Frames 3 and 5 come last in their groups; here each is the first of its process.

@@ -204,20 +204,28 @@ def test_sweep_of_a_key_that_is_not_there(write) -> None:
         frame_of(study, 0)
 
 
+@pytest.fixture(scope="module")
+def schema() -> jsonschema.Draft202012Validator:
+    """The published schema, itself checked once: it is large."""
+    published = json.loads(json.dumps(json_schema()))
+    jsonschema.Draft202012Validator.check_schema(published)
+    return jsonschema.Draft202012Validator(published)
+
+
 @pytest.mark.parametrize("path", CONFIGS, ids=[p.stem for p in CONFIGS])
-def test_shipped_studies_are_well(path: Path) -> None:
+def test_shipped_studies_are_well(path: Path, schema: jsonschema.Draft202012Validator) -> None:
     study = load_study(path)
     frame_of(study, 0)
     frame_of(study, total_frames(study) - 1)
-    jsonschema.validate(yaml.safe_load(path.read_text()), json_schema())
+    schema.validate(yaml.safe_load(path.read_text()))
 
 
-def test_json_schema_refuses_a_misspelt_key() -> None:
+def test_json_schema_refuses_a_misspelt_key(schema: jsonschema.Draft202012Validator) -> None:
     raw = yaml.safe_load(STUDY)
-    jsonschema.validate(raw, json.loads(json.dumps(json_schema())))
+    schema.validate(raw)
     raw["camera"]["focl_px"] = 3
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(raw, json_schema())
+        schema.validate(raw)
 
 
 def _properties(node: object, where: str = "") -> list[tuple[str, dict]]:

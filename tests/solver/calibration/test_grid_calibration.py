@@ -55,6 +55,7 @@ def noisy(dots: Dots, rng: np.random.Generator) -> Dots:
     return replace(dots, shape=dots.shape + np.einsum("Nij,Nj->Ni", root, rng.normal(size=dots.shape.shape)))
 
 
+@pytest.mark.slow
 def test_standard_deviations_are_those_of_the_results() -> None:
     exact = exact_dots(GRID_CAMERA, grid_poses(6), GRID, 0.02)
     rng = np.random.default_rng(4)

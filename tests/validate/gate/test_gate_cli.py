@@ -154,9 +154,9 @@ def test_whoever_accepts_at_the_same_time_keeps_every_reason(world):
     folder, _ = world
     words = [sys.executable, "-m", "roundel.cli.main", "baseline", "accept", str(folder / "good")]
     file = folder / "many.parquet"
-    many = [subprocess.Popen([*words, "--baseline", str(file), "--reason", f"reason {i}"]) for i in range(6)]
-    assert [process.wait() for process in many] == [0] * 6
-    assert sorted(entry["reason"] for entry in read_baseline(file).accepted) == [f"reason {i}" for i in range(6)]
+    many = [subprocess.Popen([*words, "--baseline", str(file), "--reason", f"reason {i}"]) for i in range(3)]
+    assert [process.wait() for process in many] == [0] * 3
+    assert sorted(entry["reason"] for entry in read_baseline(file).accepted) == [f"reason {i}" for i in range(3)]
     assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
 
 
