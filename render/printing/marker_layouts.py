@@ -33,7 +33,7 @@ _BOARDS: dict[str, dict[str, Any]] = {
     "coded_rings": {"code": list(_CODE)},
 }
 # Keys that apply to rendering only: printer, paper and surroundings determine them.
-_RENDERED = ("ink", "paper", "wall", "edge_softness_m", "grain", "grain_m", "surface", "clutter")
+RENDERED = ("ink", "paper", "wall", "edge_softness_m", "grain", "grain_m", "surface", "clutter")
 
 
 def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -> Any:
@@ -59,7 +59,7 @@ def marker_to_print(kind: str, diameter_m: float | None, keys: dict[str, Any]) -
     if diameter_m is not None and kind not in CIRCULAR:
         raise UsageError(f"a {kind} has no diameter; give its sizes with --set, such as --set square_m=0.02")
     for key in keys:
-        if key in _RENDERED:
+        if key in RENDERED:
             raise UsageError(f"--set {key}: applies to rendering only, not to printing")
     try:
         section: Any = validated(KINDS[kind], _raw(kind, diameter_m, keys), Path(kind), {}, None)

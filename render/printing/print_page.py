@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.store.writing import write_file
+from roundel.render.printing.board_file import calibrate_lines, keyword_of
 from roundel.scenes.errors import UsageError
 from roundel.scenes.markers.marker import Bar, Cells, Checker, Disc, Sectors, Shape, Sheet
 from roundel.scenes.study.marker_section import CIRCULAR
@@ -30,6 +31,7 @@ _EDGE_MM = 10.0  # few printers reach the last 5 mm of a page; the cut marks may
 _FOOT_MM = 46.0
 _MIN_QUIET = 0.1  # of the print's smaller side: a dark marker needs paper around it to have an outer edge
 _THIN_PT, _MARK_PT = 0.35, 0.5
+_FOOT_LINES, _SMALL_CHARACTER_MM = 4, 1.6  # lines of lettering; the width of its smallest, monospace
 _POINT_MM = 25.4 / 72.0
 
 
@@ -145,10 +147,9 @@ def print_marker(section: Any, path: str | Path, paper: str = "a4") -> Page:
         _draw_marks(axes, page)
         _draw_foot(axes, page, section)
         buffer = io.BytesIO()
-        undated = (
-            {"CreationDate": None, "Creator": "Roundel"} if kind == ".pdf" else {"Date": None, "Creator": "Roundel"}
-        )
-        figure.savefig(buffer, format=kind[1:], metadata=undated)
+        undated = {"CreationDate": None} if kind == ".pdf" else {"Date": None}
+        about = {"Creator": "Roundel", "Keywords": keyword_of(section)}
+        figure.savefig(buffer, format=kind[1:], metadata=undated | about)
     write_file(path, buffer.getvalue())
     return page
 
@@ -257,10 +258,13 @@ def _draw_foot(axes: Axes, page: Page, section: Any) -> None:
         (f"Print at 100 % (actual size, not fitted to the page). {both} must measure 100 mm.", {"fontsize": 8.5})
     )
     diameter_m = section.diameters_m[0] if section.kind == "rings" else getattr(section, "diameter_m", None)
-    if diameter_m is not None:
+    if diameter_m is not None and section.kind in CIRCULAR:
         lines.append((f"If it measures L mm, the diameter is {1e3 * diameter_m:g} mm x L / 100.", {"fontsize": 8.5}))
         use = {"fontsize": 8.5, "family": "monospace"}
         lines.append((f"roundel solve PHOTO OUT --diameter-m {diameter_m:g}", use))
+    small = {"fontsize": 7.5, "family": "monospace"}
+    wide = int((page.width_mm - corner - 8.0 - _EDGE_MM) / _SMALL_CHARACTER_MM)
+    lines += [(text, small) for text in calibrate_lines(section, wide)[: _FOOT_LINES - len(lines)]]
     x, y = corner + 8.0, corner + 30.0
     for text, style in lines:
         axes.text(x, y, text, color="black", va="baseline", ha="left", **style)

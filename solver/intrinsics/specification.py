@@ -7,18 +7,20 @@ section 4), or those of the 2020s (`scenes/camera/phones.csv`). Cameras come wit
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.camera_file import SUFFIXES as CAMERA_SUFFIXES
+from roundel.scenes.camera.camera_file import read_camera_record
 from roundel.scenes.camera.film import FILM_DIAGONAL_MM
 from roundel.scenes.camera.model import Camera, camera_from_json, principal_point_at_centre
 from roundel.scenes.camera.parameter_covariance import parameter_covariance
+from roundel.scenes.camera.quarter_turns import TURNS, can_turn, turned_camera
 from roundel.scenes.camera.row_time import RowTime, row_time_from_json
 from roundel.scenes.errors import DataError, UsageError, did_you_mean
 from roundel.solver.intrinsics.default_phone import DEFAULT_FORMS, Convention, Phones, default_focal, parse_default
@@ -65,6 +67,8 @@ class Intrinsics:
         The shutter that the file of `calibrated` declares.
     covariance : (c, c) array or None
         Of the parameters of `camera`, see `parameter_names`; None if the file of `calibrated` has none.
+    orientation : int or None
+        EXIF orientation of the photographs that `camera` is for, upright; None if its file does not say.
     """
 
     label: str
@@ -77,13 +81,15 @@ class Intrinsics:
     focal_sigma: float = 0.0
     row_time: RowTime | None = None
     covariance: NDArray[np.float64] | None = None
+    orientation: int | None = None
 
 
 def parse_intrinsics(text: str) -> Intrinsics:
     """Parse one `--intrinsics` argument.
 
     - `true`: the frame's true camera; `scaled:X`: the true camera with its focal lengths times X;
-    - `calibrated:FILE`: a camera file, as `roundel calibrate` writes it;
+    - `calibrated:FILE`: a camera file, as `roundel calibrate` writes it; a name that ends in .json, .yaml or .yml is
+      one without the prefix;
     - `default`, `default:width`, `default:crop43`: the default phone, by the three conventions of 35-mm equivalence;
     - `default:2020s`, `default:2020s:width`, `default:2020s:crop43`: the same for phones of the 2020s;
     - `exif`: the focal length of the file's EXIF;
@@ -104,6 +110,8 @@ def parse_intrinsics(text: str) -> Intrinsics:
         if not value:
             raise UsageError("--intrinsics calibrated: give the camera file, as in calibrated:FILE")
         return _calibrated(Path(value))
+    if Path(text).suffix.lower() in CAMERA_SUFFIXES:
+        return _calibrated(Path(text))
     if name == "scaled":
         return _scaled(value)
     if name == "focal":
@@ -156,12 +164,12 @@ def _focal(kind: Literal["focal", "focal35"], value: str, unit: str, example: st
 
 def _calibrated(path: Path) -> Intrinsics:
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
+        record = read_camera_record(path)
+    except UsageError as error:
         raise UsageError(
             f"--intrinsics calibrated:{path}: there is no such file; `roundel calibrate` writes one"
         ) from error
-    except (OSError, ValueError) as error:
+    except DataError as error:
         raise DataError(f"{path}: not a camera file; `roundel calibrate` writes one") from error
     try:
         camera, row_time = camera_from_json(record), row_time_from_json(record)
@@ -169,7 +177,26 @@ def _calibrated(path: Path) -> Intrinsics:
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
     label = f"calibrated:{path.stem}"
-    return Intrinsics(label, "calibrated", camera=camera, row_time=row_time, covariance=covariance)
+    return Intrinsics(
+        label, "calibrated", camera=camera, row_time=row_time, covariance=covariance, orientation=_orientation(record)
+    )
+
+
+def _orientation(record: dict[str, Any]) -> int | None:
+    about = record.get("calibration")
+    value = about.get("exif_orientation") if isinstance(about, dict) else None
+    return value if value in TURNS else None
+
+
+def _turned(spec: Intrinsics, exif: ExifTags | None) -> Intrinsics:
+    """The calibrated camera of a photograph that was taken with the camera turned by quarter turns."""
+    if spec.camera is None or exif is None or spec.orientation is None or exif.orientation not in TURNS:
+        return spec
+    turns = TURNS[exif.orientation] - TURNS[spec.orientation]
+    if not turns or not can_turn(spec.camera):
+        return spec
+    camera, covariance = turned_camera(spec.camera, spec.covariance, turns)
+    return replace(spec, camera=camera, covariance=covariance)
 
 
 def camera_for(spec: Intrinsics, camera: Camera | None, width_px: int, height_px: int) -> Camera:
@@ -221,6 +248,7 @@ def _uncertain_camera(
     spec: Intrinsics, camera: Camera | None, size: tuple[int, int], exif: ExifTags | None
 ) -> UncertainCamera:
     if spec.kind == "calibrated":
+        spec = _turned(spec, exif)
         assert spec.camera is not None
         _check_size(spec, size)
         name = f"calibrated camera {spec.label.partition(':')[2]}"

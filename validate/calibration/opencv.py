@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roundel.datasets.layout.images import Images
+from roundel.scenes.camera.camera_file import read_camera_record
 from roundel.scenes.camera.model import Camera, camera_from_json, camera_to_json, project
 from roundel.scenes.camera.parameter_covariance import parameter_names
-from roundel.scenes.errors import DataError, NotComparableError, UsageError, first_line
+from roundel.scenes.errors import NotComparableError, UsageError
 from roundel.scenes.study.schema import MIN_CALIBRATION_VIEWS
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m, detect_corners, layout_of
 from roundel.validate.calibration.board_bundle import BoardCorners, least_squares_covariance
@@ -254,13 +254,4 @@ def read_camera(path: str | Path) -> Camera:
     DataError
         If it is not a camera file.
     """
-    path = Path(path)
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise UsageError(f"{path}: no such camera file; make one with `roundel calibrate`") from error
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: not a camera file: {first_line(error)}") from error
-    if not isinstance(record, dict):
-        raise DataError(f"{path}: not a camera file: it needs width_px, height_px and K")
-    return camera_from_json(record)
+    return camera_from_json(read_camera_record(path))
