@@ -8,15 +8,13 @@ from collections.abc import Callable
 from roundel.cli.arguments import (
     EstimatesSchema,
     ListMethods,
-    bend,
     count,
     frame_range,
-    grid,
     on_disk,
     part_of,
     positive,
-    views,
 )
+from roundel.cli.calibration.arguments import add_calibrate
 from roundel.cli.export_arguments import add_export
 from roundel.cli.ingest.arguments import add_import
 from roundel.cli.usage import Parser
@@ -58,6 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_export(add)
     add_import(add)
     _add_solving(add)
+    add_calibrate(add)
     _add_scoring(add)
     _add_league(add)
     _add_gate(add)
@@ -254,33 +253,6 @@ def _add_solving(add: AddVerb) -> None:
         "circle:RATIO, tick, coplanar (all circles in one plane, of one size); join several with + (default: none, "
         "both poses are equally likely)",
     )
-
-    calibrate = add(
-        "calibrate",
-        "calibrate a camera from a dataset's circle grids, or its chessboards (with OpenCV), or from photographs of a "
-        "circle grid",
-    )
-    calibrate.add_argument("inputs", metavar="INPUT", nargs="+", help="a dataset, or image files")
-    calibrate.add_argument("camera", metavar="CAMERA", help="camera file to write")
-    calibrate.add_argument("--group", metavar="GROUP", help="group of boards (default: the first such group)")
-    calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
-    calibrate.add_argument("--k3", action="store_true", help="also fit k3, if k1, k2, p1 and p2 do not fit the lens")
-    calibrate.add_argument(
-        "--bend",
-        type=bend,
-        default=0,
-        metavar="ORDER",
-        help="for circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
-    )
-    calibrate.add_argument(
-        "--grid", type=grid, metavar="COLSxROWS", help="for photographs: number of dots in a row, and of rows"
-    )
-    calibrate.add_argument(
-        "--spacing-m", type=positive, metavar="S", help="for photographs: distance between rows (marker key spacing_m)"
-    )
-    calibrate.add_argument("--diameter-m", type=positive, metavar="D", help="for photographs: diameter of a dot")
-    calibrate.add_argument("--asymmetric", action="store_true", help="for photographs: the circle grid is asymmetric")
-    calibrate.add_argument("--curve", metavar="CURVE", help="for photographs: response curve, as in `roundel solve`")
 
 
 def _add_scoring(add: AddVerb) -> None:

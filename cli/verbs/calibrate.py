@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,23 +19,27 @@ CHESSBOARD, CIRCLE_GRID = "chessboard", "circle_grid"
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
-    """Calibrate from a group of boards in a dataset, or from photographs of a circle grid."""
+    """Calibrate from a group of boards in a dataset, or from photographs of a board."""
     camera = Path(arguments.camera)
     if camera.is_dir():
         raise UsageError(f"{camera}: is a folder; the last argument is the camera file to write")
     if are_photographs(arguments.inputs):
-        lines = _from_photographs(arguments, camera)
+        from roundel.cli.calibration.from_photographs import calibrate_from_photographs
+
+        lines = calibrate_from_photographs(arguments, camera)
     else:
         given = [name for name in _PRINTED if getattr(arguments, name)]
         if given:
-            raise UsageError(f"--{given[0].replace('_', '-')}: a dataset records its board; leave it out")
+            raise UsageError(
+                f"--{given[0].replace('_', '-')}: goes with photographs; a dataset records its board; leave it out"
+            )
         lines = _from_dataset(arguments.inputs[0], camera, arguments)
     print("\n".join(lines))
     print(f"camera: {camera}")
     return 0
 
 
-_PRINTED = ("grid", "spacing_m", "diameter_m", "asymmetric", "curve")
+_PRINTED = ("board", "set", "grid", "spacing_m", "diameter_m", "asymmetric", "curve", "page")
 
 
 @dataclass(frozen=True)
@@ -51,36 +54,19 @@ class _Fit:
         return _Fit(5 if arguments.k3 else 4, arguments.bend)
 
 
-def _from_photographs(arguments: argparse.Namespace, camera: Path) -> list[str]:
-    from roundel.solver.calibration.calibrate_images import photographed_grids
-    from roundel.solver.calibration.grid_layout import GridLayout
-
-    if arguments.group:
-        raise UsageError("--group: photographs have no groups; leave it out")
-    for name in ("grid", "spacing_m", "diameter_m"):
-        if not getattr(arguments, name):
-            raise UsageError(
-                "photographs need --grid COLUMNSxROWS, --spacing-m and --diameter-m of the printed circle grid"
-            )
-    columns, rows = arguments.grid
-    layout = GridLayout(columns, rows, arguments.spacing_m, arguments.diameter_m, arguments.asymmetric)
-    with progress("calibrate") as show:
-        views = photographed_grids(arguments.inputs, layout, arguments.curve, show).first(arguments.views)
-    return _write_grid(views, camera, _Fit.of(arguments))
-
-
 def _write_grid(
     views: GridViews, camera: Path, fit: _Fit, dataset: Dataset | None = None, group: str | None = None
 ) -> list[str]:
     """Calibrate from a grid's views and write the camera file; returns lines for the terminal."""
     from roundel.datasets.store.writing import write_file
+    from roundel.scenes.camera.camera_file import camera_file_text
     from roundel.solver.calibration.calibrate_images import calibration_lines, calibration_to_json
     from roundel.validate.calibration.camera_errors import error_lines, errors_of_frames
 
     calibration = views.calibrate(fit.coefficients, fit.bend)
     dataset_id = None if dataset is None else str(dataset.manifest["dataset_id"])
     record = calibration_to_json(calibration, views, dataset_id, group)
-    write_file(camera, (json.dumps(record, indent=2) + "\n").encode())
+    write_file(camera, camera_file_text(record, camera).encode())
     lines = calibration_lines(calibration, views)
     if dataset is None:
         return lines

@@ -22,7 +22,7 @@ from roundel.solver.calibration.grid_layout import GridLayout, layout_of, layout
 from roundel.solver.photometry.frame_levels import Levels, frame_levels
 from roundel.solver.photometry.image_levels import averaged_rounding, grey_levels
 from roundel.solver.photometry.photometry import Photometry, level_step
-from roundel.solver.photos.photo_file import read_photo
+from roundel.solver.photos.photo_file import as_stored, read_photo
 from roundel.solver.photos.photo_inputs import PhotoInput, find_photographs
 
 Progress = Callable[[int, int], None]
@@ -156,10 +156,35 @@ def photographed_grids(
     return _views([partial(_photo_levels, photo, asked) for photo in found], layout, progress)
 
 
+@one_blas_thread()
+def photographed_grid(source: PhotoInput, layout: GridLayout, curve: ResponseCurve | None = None) -> GridImage:
+    """The grid in a photograph, as the file stores it: photographs of one camera then share one K, however it was held.
+
+    Parameters
+    ----------
+    source : PhotoInput
+    layout : GridLayout
+    curve : ResponseCurve, optional
+        See `read_photo`.
+
+    Raises
+    ------
+    DataError
+        If the photograph cannot be read.
+    """
+    return find_grid(partial(_photo_levels, source, curve), layout)
+
+
 def _photo_levels(source: PhotoInput, curve: ResponseCurve | None) -> Levels:
     photo = read_photo(source.path, curve, source.page)
-    linearise = None if photo.photometry.curve.known else photo.grey_by
-    return Levels(photo.grey, photo.saturation_dn, photo.photometry, linearise)
+    turn = photo.exif.orientation
+
+    def linearise(other: ResponseCurve) -> tuple[NDArray[np.float32], float]:
+        grey, top_dn = photo.grey_by(other)
+        return as_stored(grey, turn), top_dn
+
+    known = photo.photometry.curve.known
+    return Levels(as_stored(photo.grey, turn), photo.saturation_dn, photo.photometry, None if known else linearise)
 
 
 def _views(
@@ -254,16 +279,22 @@ def calibration_lines(calibration: GridCalibration, views: GridViews) -> list[st
             for name, value in zip(calibration.parameters[4:], calibration.camera.distortion, strict=False)
         ),
     ]
+    return lines + calibration_notes(calibration, views.layout)
+
+
+def calibration_notes(calibration: GridCalibration, layout: GridLayout) -> list[str]:
+    """What to know of a calibration beside its numbers: each as a line."""
+    lines, sigma = [], calibration.sigmas
     if calibration.widened > 1:
         lines.append(
             "the circles are off by more than the noise of their pixels (a bent board, see --bend, or another "
             f"lens model, see --k3): the standard deviations above are widened by {calibration.widened:.1f}"
         )
-    asked, found, own = views.layout.diameter_m, calibration.diameter_m, sigma["diameter_m"]
+    asked, found, own = layout.diameter_m, calibration.diameter_m, sigma["diameter_m"]
     if abs(found / asked - 1.0) > max(_ODD_DIAMETER, 5 * own / asked):
         lines.append(
-            f"the dots measure {found / views.layout.spacing_m:.3f} of their spacing, not "
-            f"{asked / views.layout.spacing_m:.3f} as given; the spacing counts, the diameter was fitted"
+            f"the dots measure {found / layout.spacing_m:.3f} of their spacing, not "
+            f"{asked / layout.spacing_m:.3f} as given; the spacing counts, the diameter was fitted"
         )
     edge, own = calibration.edge_px, sigma["edge_px"]
     if abs(edge) > max(_ODD_EDGE_PX, 5 * own):

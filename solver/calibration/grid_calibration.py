@@ -74,6 +74,10 @@ class GridCalibration:
         `camera_from_board` of each.
     bend_m : (m,) array
         See `Model.bend_m`.
+    dots : Dots
+        The dots that were used; `view` counts the used views.
+    residual_px : (N, 2) array
+        Of each, measured minus predicted centre of its ellipse.
     """
 
     camera: Camera
@@ -89,6 +93,8 @@ class GridCalibration:
     views: list[int]
     poses: Array
     bend_m: Array
+    dots: Dots
+    residual_px: Array
 
     @property
     def sigmas(self) -> dict[str, float]:
@@ -270,4 +276,6 @@ def _finished(found: Adjusted, dots: Dots, total: int, views: list[int]) -> Grid
         views,
         found.model.poses,
         found.model.bend_m,
+        dots,
+        found.residual[:, :2],
     )

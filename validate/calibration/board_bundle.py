@@ -162,6 +162,25 @@ def least_squares_covariance(boards: Sequence[BoardCorners], camera: Camera, pos
     return inverse @ noise @ inverse * raised, float(np.sqrt(raised))
 
 
+def corner_information(points_m: Array, camera: Camera, pose: Array, sigma_px: float) -> Array:
+    """Information (c, c) on a camera's parameters of one photograph of a board, whose pose is not known.
+
+    Parameters
+    ----------
+    points_m : (N, 3) array
+        Corners in the board's frame.
+    camera : Camera
+    pose : (4, 4) array
+        `camera_from_board`.
+    sigma_px : float
+        Noise of a coordinate of a corner.
+    """
+    board = BoardCorners(points_m, np.zeros((len(points_m), 2)))
+    _, by_camera, by_pose = (m / sigma_px for m in _linearised(board, camera, pose))
+    mixed = by_camera.T @ by_pose
+    return np.asarray(by_camera.T @ by_camera - mixed @ np.linalg.solve(by_pose.T @ by_pose, mixed.T))
+
+
 @dataclass(frozen=True, eq=False)
 class _State:
     """A camera, poses, and the noise of each photograph."""

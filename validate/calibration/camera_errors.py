@@ -7,7 +7,6 @@ therefore reported with the errors of the parameters and the difference of proje
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from roundel.datasets.dataset import Dataset, open_dataset
 from roundel.datasets.store.addresses import Address
 from roundel.datasets.store.writing import write_file
+from roundel.scenes.camera.camera_file import camera_file_text
 from roundel.scenes.camera.model import Camera, project, ray_direction
 from roundel.scenes.errors import NotComparableError
 from roundel.solver.detect.chessboard_corners import BoardLayout, board_points_m
@@ -224,7 +224,7 @@ def write_calibration(
     """Write the camera file of these views; returns its errors, as `calibration_summary`."""
     calibration = calibrate_views(views, coefficients)
     record = calibration_to_json(calibration, str(dataset.manifest["dataset_id"]), group)
-    write_file(camera_path, (json.dumps(record, indent=2) + "\n").encode())
+    write_file(camera_path, camera_file_text(record, camera_path).encode())
     return calibration_summary(dataset, views, calibration)
 
 

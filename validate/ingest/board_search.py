@@ -43,7 +43,7 @@ _DICTIONARIES = {
 }
 
 
-def find_board(image: ArrayLike, board: Part) -> BoardCorners | None:
+def find_board(image: ArrayLike, board: Part, linear: ArrayLike | None = None) -> BoardCorners | None:
     """The board of a sheet in an image.
 
     Parameters
@@ -52,6 +52,9 @@ def find_board(image: ArrayLike, board: Part) -> BoardCorners | None:
         Of any depth.
     board : Part
         A chessboard, which has to be seen whole, or a ChArUco board, of which six corners are enough.
+    linear : (H, W) array_like, optional
+        The same image in linear light, in which corners are refined: they scatter by a tenth less than in sRGB levels,
+        whose noise the curve has raised in dark squares.
 
     Returns
     -------
@@ -59,9 +62,10 @@ def find_board(image: ArrayLike, board: Part) -> BoardCorners | None:
         None if it was not found.
     """
     levels = grey(image)
+    fine = None if linear is None else np.asarray(linear, dtype=np.float64)
     search = _chessboard if board.kind == "chessboard" else _charuco
     sizes = dict.fromkeys(min(longest, max(levels.shape)) for longest in _SEARCH_PX)
-    return next((found for longest in sizes if (found := search(levels, board, longest)) is not None), None)
+    return next((found for longest in sizes if (found := search(levels, board, longest, fine)) is not None), None)
 
 
 def _reduced(levels: Array, longest: int) -> tuple[Array, float]:
@@ -73,19 +77,19 @@ def _reduced(levels: Array, longest: int) -> tuple[Array, float]:
     return np.asarray(cv2.resize(levels, size, interpolation=cv2.INTER_AREA)), scale
 
 
-def _chessboard(levels: Array, board: Part, longest: int) -> BoardCorners | None:
+def _chessboard(levels: Array, board: Part, longest: int, fine: Array | None) -> BoardCorners | None:
     layout = layout_of(board.layout)
     small, scale = _reduced(levels, longest)
     corners = detect_corners(small, layout.columns, layout.rows)
     if corners is None or not is_whole_board(small, corners, layout.columns, layout.rows):
         return None
-    if scale > 1:
-        whole = (corners + 0.5) * scale - 0.5
-        corners = refined_corners(levels, whole.reshape(layout.rows, layout.columns, 2)).reshape(-1, 2)
+    if scale > 1 or fine is not None:
+        whole = ((corners + 0.5) * scale - 0.5).reshape(layout.rows, layout.columns, 2)
+        corners = refined_corners(levels if fine is None else fine, whole).reshape(-1, 2)
     return BoardCorners(board_points_m(layout), corners)
 
 
-def _charuco(levels: Array, board: Part, longest: int) -> BoardCorners | None:
+def _charuco(levels: Array, board: Part, longest: int, fine: Array | None) -> BoardCorners | None:
     keys = board.layout
     columns, rows, square = int(keys["columns"]), int(keys["rows"]), float(keys["square_m"])
     ids = int(keys["first_id"]) + np.arange(columns * rows // 2)
@@ -105,7 +109,7 @@ def _charuco(levels: Array, board: Part, longest: int) -> BoardCorners | None:
     # A window of the refinement ends where the tags begin.
     clear = (square - float(keys["tag_m"])) / 2 / square
     side = _square_px(points, pixels, square) * min(1.0, clear / 0.4)
-    return BoardCorners(points, refined_corners(levels, pixels, side))
+    return BoardCorners(points, refined_corners(levels if fine is None else fine, pixels, side))
 
 
 def _square_px(points_m: Array, pixels: Array, square_m: float) -> float:

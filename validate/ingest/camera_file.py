@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from roundel.scenes.camera.camera_file import read_camera_record
 from roundel.scenes.camera.model import Camera, camera_to_json
 from roundel.scenes.camera.parameter_covariance import parameter_covariance
 from roundel.scenes.errors import DataError
@@ -64,8 +64,7 @@ def read_camera_covariance(path: str | Path) -> tuple[Camera, Array | None]:
     camera = read_camera(path)
     if camera.distortion_model != "opencv" or camera.K[0, 1] != 0 or camera.magnification:
         raise DataError(f"{path}: an import needs OpenCV's lens model without skew; calibrate the camera so")
-    record = json.loads(Path(path).read_text(encoding="utf-8"))
     try:
-        return camera, parameter_covariance(record, camera)
+        return camera, parameter_covariance(read_camera_record(path), camera)
     except DataError as error:
         raise DataError(f"{path}: {error}") from error

@@ -50,7 +50,13 @@ class Measured:
     left_out: dict[int, str]
 
 
-def calibrated(boards: Sequence[BoardCorners], size_px: tuple[int, int], coefficients: int = 4) -> Measured:
+def calibrated(
+    boards: Sequence[BoardCorners],
+    size_px: tuple[int, int],
+    coefficients: int = 4,
+    least: int = LEAST_PHOTOGRAPHS,
+    instead: str = ", or give --camera FILE",
+) -> Measured:
     """The camera and all poses, from the boards themselves.
 
     Parameters
@@ -60,19 +66,23 @@ def calibrated(boards: Sequence[BoardCorners], size_px: tuple[int, int], coeffic
     size_px : (int, int)
     coefficients : {4, 5}
         k1, k2, p1, p2, and k3 with five.
+    least : int
+        Photographs that are asked for.
+    instead : str
+        What the user can do instead of taking others, for the message.
 
     Raises
     ------
     NotComparableError
-        If there are fewer than `LEAST_PHOTOGRAPHS`, or they do not determine the camera.
+        If there are fewer than `least`, or they do not determine the camera.
     """
     kept, left_out = list(range(len(boards))), dict[int, str]()
     while True:
-        if len(kept) < LEAST_PHOTOGRAPHS:
+        if len(kept) < least:
             reasons = "; of others: " + "; ".join(sorted(set(left_out.values()))) if left_out else ""
             raise NotComparableError(
                 f"{len(kept)} photographs with the board are too few to calibrate a camera: take "
-                f"{LEAST_PHOTOGRAPHS} or more, or give --camera FILE{reasons}"
+                f"{LEAST_PHOTOGRAPHS} or more{instead}{reasons}"
             )
         camera = _first_camera([boards[i] for i in kept], size_px, coefficients)
         poses, unclear = _poses(boards, kept, camera)
@@ -86,7 +96,7 @@ def calibrated(boards: Sequence[BoardCorners], size_px: tuple[int, int], coeffic
             break
         left_out |= far
         kept = [i for i in kept if i not in far]
-    _check_determined(fit)
+    _check_determined(fit, instead)
     return Measured(fit, kept, left_out)
 
 
@@ -167,14 +177,14 @@ def _outliers(fit: BoardFit, which: list[int]) -> dict[int, str]:
     }
 
 
-def _check_determined(fit: BoardFit) -> None:
+def _check_determined(fit: BoardFit, instead: str) -> None:
     sigma = float(np.sqrt(np.diag(fit.covariance)[:2]).max()) / float(fit.camera.K[0, 0])
     if not sigma < _UNDETERMINED:
         tilt = np.degrees(np.arccos(np.clip(np.abs(fit.poses[:, 2, 2]), 0.0, 1.0))).max()
         known = f"to {100 * sigma:.0f} %" if sigma < 1 else "not at all"
         raise NotComparableError(
             f"the photographs determine the focal length {known}: the board is tilted by {tilt:.0f} degrees at most; "
-            "tilt it by 20 to 45 degrees in several directions, or give --camera FILE"
+            f"tilt it by 20 to 45 degrees in several directions{instead}"
         )
 
 

@@ -1,0 +1,7 @@
+"""The verb `calibrate` of photographs: which board, what each photograph shows, the camera file and its page.
+
+arguments: Arguments of `calibrate`
+boards: The board that was photographed: a kind with its sizes, a print of `roundel marker`, a YAML file, or --grid
+from_photographs: Photographs of a board become a camera file and a page
+look: What each photograph shows: the board in it, or why it does not count
+"""

@@ -1,0 +1,207 @@
+"""What each photograph shows: the board in it, or why it does not count."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from roundel.cli.calibration.boards import Photographed
+from roundel.scenes.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from roundel.scenes.camera.response_curve import ResponseCurve
+    from roundel.solver.calibration.grid_image import GridImage
+    from roundel.solver.photos.photo_inputs import PhotoInput
+
+Array = NDArray[np.float64]
+
+# A photograph of twelve megapixels takes 0.6 GB meanwhile.
+_TOGETHER = 2
+_THUMBNAIL_PX = 240
+# Points that agree so closely are those of a burst, or of a second copy: a tripod does not count twice.
+_SAME_PX = 0.5
+_WHY = {
+    "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp, flat and "
+    "without glare",
+    "charuco": "fewer than six corners of the ChArUco board found: come nearer, or less tilted, sharp and without glare",
+    "circle_grid": "fewer than six dots of the circle grid found: come nearer, or less tilted, sharp and without glare",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A photograph as its file stores it.
+
+    Attributes
+    ----------
+    name : str
+    size_px : (int, int)
+        (0, 0) if it could not be read.
+    orientation : int
+        Of its EXIF.
+    reason : str
+        Why it does not count; empty if it does.
+    pixels, points_m : (N, 2), (N, 3) arrays
+        Corners, or centres of dots, and where they are on the board.
+    grid : GridImage or None
+        Of a circle grid.
+    picture : (h, w, 3) uint8 array or None
+        Small.
+    """
+
+    name: str
+    size_px: tuple[int, int] = (0, 0)
+    orientation: int = 1
+    reason: str = ""
+    pixels: Array = field(default_factory=lambda: np.empty((0, 2)))
+    points_m: Array = field(default_factory=lambda: np.empty((0, 3)))
+    grid: GridImage | None = None
+    picture: NDArray[np.uint8] | None = None
+
+
+def look_at(
+    sources: Sequence[PhotoInput],
+    board: Photographed,
+    curve: ResponseCurve | None,
+    progress: Callable[[int, int], None],
+) -> list[Look]:
+    """Look for the board in each photograph; the sizes and the repetitions among them are judged by `judged`.
+
+    Raises
+    ------
+    DataError
+        If a file does not exist.
+    """
+    for source in sources:
+        if not source.path.exists():
+            raise DataError(f"{source.path}: no such file")
+    seen: dict[tuple[str, int], str] = {}
+    twins: dict[int, str] = {}
+    for i, source in enumerate(sources):
+        key = (_digest(source.path), source.page)
+        if key in seen:
+            twins[i] = seen[key]
+        seen.setdefault(key, source.name)
+
+    def look(number: int) -> Look:
+        source = sources[number]
+        if number in twins:
+            return Look(source.name, reason=f"is the same file as {twins[number]}")
+        try:
+            return _looked(source, board, curve)
+        except DataError as error:
+            return Look(source.name, reason=str(error).removeprefix(f"{source.path}: "))
+
+    found = []
+    # Each result depends on its photograph alone, and OpenCV releases the interpreter lock.
+    with ThreadPoolExecutor(1 if board.layout is not None else _TOGETHER) as pool:
+        for one in pool.map(look, range(len(sources))):
+            found.append(one)
+            progress(len(found), len(sources))
+    return found
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return path.as_posix()  # whoever reads it says what is wrong
+
+
+def _looked(source: PhotoInput, board: Photographed, curve: ResponseCurve | None) -> Look:
+    from roundel.scenes.camera.quarter_turns import TURNS
+    from roundel.solver.photos.photo_file import as_stored, read_photo
+    from roundel.validate.ingest.board_search import find_board
+
+    photo = read_photo(source.path, curve, source.page)
+    turn = photo.exif.orientation
+    stored = as_stored(photo.levels, turn)
+    base = Look(source.name, (stored.shape[1], stored.shape[0]), turn, picture=_small(as_stored(photo.picture, turn)))
+    if turn not in TURNS:
+        return replace(base, reason=f"is stored mirrored (EXIF orientation {turn}): switch mirroring off")
+    if board.layout is not None:
+        return _with_grid(base, source, board, curve)
+    linear = None
+    if photo.photometry.curve.known:
+        linear = as_stored(photo.grey, turn) * (255.0 / photo.saturation_dn)
+    found = find_board(stored, board.part, linear)
+    if found is None:
+        keys = board.part.layout
+        return replace(base, reason=_WHY[board.part.kind].format(keys["columns"], keys["rows"]))
+    return replace(base, pixels=found.pixels, points_m=found.points_m)
+
+
+def _with_grid(base: Look, source: PhotoInput, board: Photographed, curve: ResponseCurve | None) -> Look:
+    from roundel.solver.calibration.calibrate_images import photographed_grid
+
+    assert board.layout is not None
+    grid = photographed_grid(source, board.layout, curve)
+    if not len(grid.index):
+        return replace(base, reason=_WHY["circle_grid"])
+    pixels = np.array([d.edges.ellipse[:2] for d in grid.detections])
+    return replace(base, grid=grid, pixels=pixels, points_m=board.board.points_m[grid.index])
+
+
+def _small(picture: NDArray[Any]) -> NDArray[np.uint8]:
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    image.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
+    return np.asarray(image)
+
+
+def judged(found: Sequence[Look]) -> tuple[list[Look], tuple[int, int]]:
+    """The photographs with the reasons that follow from the others: another size, or the same view once more.
+
+    Returns
+    -------
+    looks : list of Look
+    size_px : (int, int)
+        That of most photographs with a board, as stored; that of most photographs if none has one.
+
+    Raises
+    ------
+    UsageError
+        If none could be read.
+    """
+    read = [look for look in found if look.size_px != (0, 0)]
+    if not read:
+        raise UsageError(f"{found[0].name}: {found[0].reason}; none of the {len(found)} photographs can be used")
+    shown = [look for look in read if not look.reason] or read
+    size = Counter(look.size_px for look in shown).most_common(1)[0][0]
+    out: list[Look] = []
+    for look in found:
+        if not look.reason and look.size_px != size:
+            look = replace(look, reason=_other_size(look, size))
+        twin = next((other for other in out if not other.reason and _same_view(look, other)), None)
+        if not look.reason and twin is not None:
+            look = replace(look, reason=f"shows the board exactly where {twin.name} does: it would count twice")
+        out.append(look)
+    return out, size
+
+
+def _other_size(look: Look, size: tuple[int, int]) -> str:
+    width, height = look.size_px
+    if look.size_px == size[::-1]:
+        why = "it was turned without a note in its EXIF; take the file as the camera wrote it"
+    elif abs(width * size[1] - height * size[0]) <= max(size) * 2:
+        why = "it was scaled, or taken in another mode; take the file as the camera wrote it"
+    else:
+        why = "it was cropped, or is of another camera; take the file as the camera wrote it"
+    return f"has {width}x{height} px, but most have {size[0]}x{size[1]}: {why}"
+
+
+def _same_view(look: Look, other: Look) -> bool:
+    if look.size_px != other.size_px or look.points_m.shape != other.points_m.shape:
+        return False
+    if not np.array_equal(look.points_m, other.points_m):
+        return False
+    return bool(np.sqrt(np.mean(np.sum((look.pixels - other.pixels) ** 2, axis=-1))) < _SAME_PX)
