@@ -12,16 +12,16 @@ def add_calibrate(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """Add the verb; `add` takes its name and its line of help, and returns its parser."""
     calibrate = add(
         "calibrate",
-        "calibrate a camera from photographs of a printed board (chessboard, ChArUco, circle grid), or from the boards of "
-        "a dataset",
+        "calibrate a camera from photographs of a printed board (chessboard, ChArUco, circle grid), or from the boards "
+        "of a dataset",
     )
     calibrate.add_argument("inputs", metavar="INPUT", nargs="+", help="photographs, folders of them, or a dataset")
     calibrate.add_argument("camera", metavar="CAMERA", help="camera file to write, .yaml or .json")
     calibrate.add_argument(
         "--board",
         metavar="BOARD",
-        help="of photographs: the file that `roundel marker` printed (.pdf, .svg), a YAML file with the marker's keys, or "
-        "its kind: chessboard, charuco, circle_grid",
+        help="of photographs: the file that `roundel marker` printed (.pdf, .svg), a YAML file with the marker's keys, "
+        "or its kind: chessboard, charuco, circle_grid",
     )
     calibrate.add_argument(
         "--set",

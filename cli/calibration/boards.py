@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 _PRINTS, _YAML = (".pdf", ".svg"), (".yaml", ".yml")
 _BOARDS = ("chessboard", "charuco", "circle_grid")
 _NEEDED = (
-    "photographs need --board: the file that `roundel marker` printed, such as --board board.pdf, or its kind and sizes, "
-    "such as --board chessboard --set columns=8 --set rows=5 --set square_m=0.02 (inner corners, metres)"
+    "photographs need --board: the file that `roundel marker` printed, such as --board board.pdf, or its kind and "
+    "sizes, such as --board chessboard --set columns=8 --set rows=5 --set square_m=0.02 (inner corners, metres)"
 )
 
 
@@ -146,12 +146,11 @@ def _described(part: Part) -> Photographed:
         )
     else:
         layout, side = None, float(keys["square_m"])
-        inner = (columns, rows) if part.kind == "chessboard" else (columns - 1, rows - 1)
-        title = (
-            f"chessboard of {columns} by {rows} inner corners, squares of {side:g} m"
-            if part.kind == "chessboard"
-            else f"ChArUco board of {columns} by {rows} squares of {side:g} m, tags {keys['family']} of {keys['tag_m']:g} m"
-        )
+        if part.kind == "chessboard":
+            inner, title = (columns, rows), f"chessboard of {columns} by {rows} inner corners, squares of {side:g} m"
+        else:
+            inner, tags = (columns - 1, rows - 1), f"tags {keys['family']} of {keys['tag_m']:g} m"
+            title = f"ChArUco board of {columns} by {rows} squares of {side:g} m, {tags}"
         column, row = (axis.ravel() for axis in np.meshgrid(np.arange(inner[0]), np.arange(inner[1])))
         flat = np.stack([(column - (inner[0] - 1) / 2) * side, ((inner[1] - 1) / 2 - row) * side], axis=-1)
     points = np.column_stack([flat, np.zeros(len(flat))])

@@ -90,12 +90,15 @@ def _from_grids(
 ) -> PhotoCalibration:
     from roundel.scenes.camera.model import project
     from roundel.solver.calibration.calibrate_images import calibration_notes
-    from roundel.solver.calibration.grid_calibration import calibrate_grids
+    from roundel.solver.calibration.grid_calibration import MIN_VIEWS, calibrate_grids
+    from roundel.validate.photo_calibration.from_corners import too_few
     from roundel.validate.photo_calibration.record import Fitted, PhotoCalibration
 
     assert board.layout is not None
     which = [i for i, look in enumerate(looks) if look.grid is not None and not look.reason]
     grids = [grid for i in which if (grid := looks[i].grid) is not None]
+    if len(grids) < MIN_VIEWS:
+        return PhotoCalibration(board.board, size, photos, None, too_few(len(grids), len(photos)))
     try:
         result = calibrate_grids(grids, board.layout, size, coefficients, bend)
     except NotComparableError as error:
@@ -133,7 +136,7 @@ def _from_grids(
 
 
 def _upright(found: PhotoCalibration, looks: list[Look]) -> PhotoCalibration:
-    """As most of the photographs are shown: photographs of a phone held upright make a camera that is higher than wide."""
+    """As most of the photographs are shown: those of a phone held upright make a camera that is higher than wide."""
     from roundel.scenes.camera.quarter_turns import TURNS
 
     counted = [look for look, photo in zip(looks, found.photos, strict=True) if photo.used]

@@ -29,10 +29,10 @@ _THUMBNAIL_PX = 240
 # Points that agree so closely are those of a burst, or of a second copy: a tripod does not count twice.
 _SAME_PX = 0.5
 _WHY = {
-    "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp, flat and "
+    "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp and "
     "without glare",
-    "charuco": "fewer than six corners of the ChArUco board found: come nearer, or less tilted, sharp and without glare",
-    "circle_grid": "fewer than six dots of the circle grid found: come nearer, or less tilted, sharp and without glare",
+    "charuco": "fewer than six corners of the ChArUco board found: come nearer, tilt it less, avoid blur and glare",
+    "circle_grid": "fewer than six dots of the circle grid found: come nearer, tilt it less, avoid blur and glare",
 }
 
 

@@ -45,8 +45,12 @@ def read_camera_record(path: str | Path) -> dict[str, Any]:
 
 
 def _parsed(text: str, path: Path) -> Any:
-    if path.suffix.lower() not in YAML_SUFFIXES:
+    try:
         return json.loads(text)
+    except ValueError:
+        if path.suffix.lower() not in YAML_SUFFIXES:
+            raise
+    # JSON is tried first under either name: PyYAML takes its 1e-05 for a string.
     import yaml
 
     try:

@@ -23,8 +23,10 @@ _MOST_COEFFICIENTS = 5
 
 
 def can_turn(camera: Camera) -> bool:
-    """Whether the model describes the camera turned by a quarter turn, too: no skew, and a lens of OpenCV's first five
-    coefficients."""
+    """Whether the model describes the camera turned by a quarter turn, too.
+
+    It does without skew, and with a lens of OpenCV's first five coefficients.
+    """
     plain = camera.distortion_model == "opencv" and len(camera.distortion) <= _MOST_COEFFICIENTS
     return plain and not camera.K[0, 1] and not camera.magnification
 

@@ -47,8 +47,8 @@ def coverage_picture(found: PhotoCalibration) -> Picture:
         at.set_yticklabels([])
 
     caption = (
-        f"Coverage of the image: every point of every board, a colour for each photograph. {100 * coverage.share:.0f} % "
-        f"of the {rows} by {columns} cells have a point; those without one are shaded."
+        "Coverage of the image: every point of every board; colours tell the photographs apart. "
+        f"{100 * coverage.share:.0f} % of the {columns} by {rows} cells have a point; those without one are shaded."
     )
     return Picture("coverage", caption, draw_svg("coverage", caption, _size(width, height), draw))
 
@@ -72,15 +72,15 @@ def residual_picture(found: PhotoCalibration) -> Picture:
         if len(places):
             at.quiver(*places.T, *means.T, color=colour(1), width=0.004, **style)
         length = float(f"{longest / 2:.1g}")
-        at.quiverkey(thin, 0.86, 1.03, length, f"{length:g} px", labelpos="E", coordinates="axes", color=INK)
+        at.quiverkey(thin, 0.88, 0.95, length, f"{length:g} px", labelpos="S", coordinates="axes", color=INK)
         _frame(at, width, height)
         at.set_xticks([])
         at.set_yticks([])
 
     caption = (
-        f"Residuals, measured minus predicted, magnified {scale:g} times (blue), and their means over cells of the image "
-        f"(orange). RMS {found.rms_px:.3f} px. Long orange arrows that turn or grow over the image are what the lens model "
-        "does not describe; without them the residuals are noise."
+        f"Residuals, measured minus predicted, magnified {scale:g} times (blue), and their means over cells of the "
+        f"image (orange). RMS {found.rms_px:.3f} px. Long orange arrows that turn or grow over the image are what the "
+        "lens model does not describe; without them the residuals are noise."
     )
     return Picture("residuals", caption, draw_svg("residuals", caption, _size(width, height), draw))
 

@@ -11,6 +11,7 @@ from roundel.scenes.camera.model import project
 from roundel.scenes.errors import NotComparableError
 from roundel.validate.calibration.board_bundle import BoardCorners
 from roundel.validate.ingest.reference import calibrated
+from roundel.validate.photo_calibration.coverage import ENOUGH_PHOTOGRAPHS
 from roundel.validate.photo_calibration.record import Board, BoardPhoto, Fitted, PhotoCalibration
 
 # With fewer even the noise of the corners is a guess.
@@ -33,6 +34,8 @@ def calibrated_from_corners(
     """
     out = list(photos)
     which = [i for i, photo in enumerate(photos) if not photo.reason]
+    if len(which) < LEAST_PHOTOGRAPHS:
+        return PhotoCalibration(board, size_px, out, None, too_few(len(which), len(photos)))
     corners = [BoardCorners(photos[i].points_m, photos[i].pixels) for i in which]
     try:
         measured = calibrated(corners, size_px, coefficients, LEAST_PHOTOGRAPHS, "")
@@ -47,3 +50,11 @@ def calibrated_from_corners(
         out[which[i]] = replace(photo, residual_px=photo.pixels - predicted, camera_from_board=pose)
     fitted = Fitted(fit.camera, fit.covariance, fit.widened, float(np.median(fit.sigma_px)))
     return PhotoCalibration(board, size_px, out, fitted)
+
+
+def too_few(found: int, looked: int) -> str:
+    """Why a number of photographs does not make a camera."""
+    return (
+        f"the board counts in {found} of {looked} photographs, which is too few: take {ENOUGH_PHOTOGRAPHS} or more, "
+        "from different places, with the board tilted by 20 to 45 degrees in several directions"
+    )

@@ -81,8 +81,8 @@ def _cards(found: PhotoCalibration, fitted: Fitted) -> list[dict[str, str]]:
         {"value": f"{values['cx']:.1f}, {values['cy']:.1f}", "text": "principal point, px, to "
          f"{sure['principal point']:.2g} px"},
         {"value": f"{sure['lens distortion']:.2g} px", "text": "uncertainty of the lens at the corner of the image"},
-        {"value": f"{found.rms_px:.3f} px", "text": f"RMS of the residuals in {len(found.used)} photographs; small does "
-         "not mean accurate, see the uncertainties"},
+        {"value": f"{found.rms_px:.3f} px", "text": "RMS of the residuals; small does not mean accurate, see the "
+         "uncertainties"},
     ]  # fmt: skip
 
 
@@ -114,7 +114,7 @@ def _shown(photo: BoardPhoto, odd: bool) -> dict[str, Any]:
     else:
         text = f"shows the board ({len(photo.pixels)} points)"
     return {
-        "name": clean(photo.name, NAME_LIMIT),
+        "name": clean(photo.name.rpartition("/")[2], NAME_LIMIT),
         "text": clean(text, TEXT_LIMIT),
         "bad": odd or bool(photo.reason),
         "picture": _picture(photo),
@@ -134,7 +134,5 @@ def _picture(photo: BoardPhoto) -> Any:
     height, width = photo.picture.shape[:2]
     scale = width / photo.size_px[0]
     dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.4"/>' for x, y in ((photo.pixels + 0.5) * scale).tolist())
-    return Markup(
-        f'<svg class="photo" viewBox="0 0 {width} {height}"><image href="data:image/jpeg;base64,{data}" width="{width}" '
-        f'height="{height}"/>{dots}</svg>'
-    )
+    image = f'<image href="data:image/jpeg;base64,{data}" width="{width}" height="{height}"/>'
+    return Markup(f'<svg class="photo" viewBox="0 0 {width} {height}">{image}{dots}</svg>')

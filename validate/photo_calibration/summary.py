@@ -10,6 +10,8 @@ from roundel.validate.photo_calibration.record import BoardPhoto, Fitted, PhotoC
 
 # Photographs whose points lie so much farther from the model than in the median one are worth a look.
 _ODD = 2.5
+# Standard deviations, of the focal length and of the image's width, that ten good photographs undercut many times.
+_WEAK_FOCAL, _WEAK_CENTRE = 0.005, 0.005
 _POINTS = {"chessboard": "corners", "charuco": "corners", "circle_grid": "circles"}
 
 
@@ -51,7 +53,7 @@ def warnings(found: PhotoCalibration) -> list[str]:
     fitted = found.fitted
     if fitted is None:
         return []
-    lines = list(fitted.notes)
+    lines = [*_weak(fitted), *fitted.notes]
     if fitted.widened > 1 and found.board.kind != "circle_grid":
         lines.append(
             "the photographs contradict each other by more than their noise (a bent board, a zoom or focus that "
@@ -62,6 +64,18 @@ def warnings(found: PhotoCalibration) -> list[str]:
             f"{photo.name}: its {points_word(found)} lie {photo.rms_px:.2f} px (RMS) from the model, more than in the "
             "others: is it blurred, or was the board bent?"
         )
+    return lines
+
+
+def _weak(fitted: Fitted) -> list[str]:
+    """Parts of the camera that the photographs leave open."""
+    focal = max(fitted.sigmas[name] / fitted.values[name] for name in ("fx", "fy"))
+    centre = uncertainty_px(fitted.camera, fitted.covariance)["principal point"]
+    lines = []
+    if focal > _WEAK_FOCAL:
+        lines.append(f"the photographs leave the focal length open by {100 * focal:.2g} %; see what to photograph next")
+    if centre > _WEAK_CENTRE * fitted.camera.width_px:
+        lines.append(f"the photographs leave the principal point open by {centre:.2g} px; see what to photograph next")
     return lines
 
 
