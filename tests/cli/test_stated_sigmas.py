@@ -1,7 +1,7 @@
 """Calibrations from JPEG photographs of each board: the truth lies within three of the stated standard deviations.
 
-Twenty sets of 25 photographs of each of the three boards that `roundel marker` prints, every set rendered anew, from its
-own poses. ROUNDEL_BOARD_SETS names a folder in which the sets are kept, so that a second run renders nothing.
+Twenty sets of 25 photographs of each of the three boards that `roundel marker` prints, every set rendered from its own
+poses. ROUNDEL_BOARD_SETS names a folder in which the sets are kept, so that a second run renders nothing.
 """
 
 import os
