@@ -12,7 +12,8 @@ from roundel.validate.photo_calibration.record import BoardPhoto
 
 Array = NDArray[np.float64]
 
-COLUMNS, ROWS = 6, 4
+COLUMNS, ROWS = 6, 6  # two by two in a ninth of the image
+_LEAST_OF_NINTH = 2  # cells with a point, of four
 # Photographs below are too few for a covariance that can be relied on; five would determine a camera.
 ENOUGH_PHOTOGRAPHS = 10
 # Tilts below determine little of the focal length.
@@ -31,7 +32,7 @@ class Coverage:
     counts : (ROWS, COLUMNS) array of int
         Points in each cell of the image.
     empty : tuple of str
-        Ninths of the image without any point, by name.
+        Ninths of the image, by name, of which three cells of four or all have no point.
     missing_tilts : tuple of str
         Sides of the board that are turned away in no photograph; empty if no pose is known.
     largest_tilt_deg : float
@@ -59,8 +60,9 @@ def coverage_of(photos: Sequence[BoardPhoto], size_px: tuple[int, int]) -> Cover
     size_px : (int, int)
     """
     pixels = np.concatenate([np.empty((0, 2)), *[photo.pixels for photo in photos]])
-    counts, ninths = (_cells(pixels, size_px, c, r) for c, r in ((COLUMNS, ROWS), (3, 3)))
-    empty = tuple(_ninth(int(r), int(c)) for r, c in np.argwhere(ninths == 0))
+    counts = _cells(pixels, size_px)
+    ninths = np.count_nonzero(counts.reshape(3, ROWS // 3, 3, COLUMNS // 3), axis=(1, 3))
+    empty = tuple(_ninth(int(r), int(c)) for r, c in np.argwhere(ninths < _LEAST_OF_NINTH))
     posed = [photo for photo in photos if photo.camera_from_board is not None]
     tilts = [photo.tilt_deg for photo in posed]
     sides = {side for photo, tilt in zip(posed, tilts, strict=True) if tilt >= TILTED_DEG for side in _away(photo)}
@@ -68,10 +70,10 @@ def coverage_of(photos: Sequence[BoardPhoto], size_px: tuple[int, int]) -> Cover
     return Coverage(counts, empty, missing, max(tilts, default=np.nan))
 
 
-def _cells(pixels: Array, size_px: tuple[int, int], columns: int, rows: int) -> NDArray[np.int64]:
-    cell = np.floor((pixels + 0.5) / np.array(size_px, dtype=np.float64) * np.array([columns, rows])).astype(int)
-    cell = np.clip(cell, 0, [columns - 1, rows - 1])
-    return np.bincount(cell[:, 1] * columns + cell[:, 0], minlength=columns * rows).reshape(rows, columns)
+def _cells(pixels: Array, size_px: tuple[int, int]) -> NDArray[np.int64]:
+    cell = np.floor((pixels + 0.5) / np.array(size_px, dtype=np.float64) * np.array([COLUMNS, ROWS])).astype(int)
+    cell = np.clip(cell, 0, [COLUMNS - 1, ROWS - 1])
+    return np.bincount(cell[:, 1] * COLUMNS + cell[:, 0], minlength=COLUMNS * ROWS).reshape(ROWS, COLUMNS)
 
 
 def _ninth(row: int, column: int) -> str:
@@ -100,7 +102,7 @@ def coverage_lines(coverage: Coverage, count: int) -> list[str]:
             f"take at least {more} more photograph{'' if more == 1 else 's'} that show{'s' * (more == 1)} the board"
         )
     if coverage.empty and count:
-        lines.append(f"no point lies in {_listed(coverage.empty)} of the picture: show the board there")
+        lines.append(f"little or nothing of the board lies in {_listed(coverage.empty)} of the picture: show it there")
     if coverage.largest_tilt_deg < TILTED_DEG:
         lines.append(
             f"the board is tilted by {coverage.largest_tilt_deg:.0f} degrees at most: tilt it by 20 to 45 degrees, "

@@ -63,7 +63,8 @@ def calibration_page(found: PhotoCalibration, file: str) -> bytes:
         cards=[] if found.fitted is None else _cards(found, found.fitted),
         parameters=[] if found.fitted is None else _parameters(found.fitted),
         pictures=figures(pictures),
-        photos=[_shown(photo, photo.name in odd) for photo in found.photos],
+        # Those that were not used come first: they are what the reader can do something about.
+        photos=[_shown(photo, photo.name in odd) for photo in sorted(found.photos, key=lambda photo: photo.used)],
         version=versions()["roundel"],
     )
     return (page.strip() + "\n").encode()

@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
+from roundel.render.printing.board_file import calibrate_lines, described_marker
 from roundel.render.printing.marker_layouts import marker_to_print, parse_set
 from roundel.render.printing.print_page import PAPERS_MM, Page, _title, lay_out, print_marker
-from roundel.scenes.errors import UsageError
+from roundel.scenes.errors import DataError, UsageError
 from roundel.scenes.markers.ink_pattern import reflectance_at
 from roundel.scenes.markers.outlines import outlines
 from roundel.scenes.study.marker_section import KINDS
@@ -266,3 +268,40 @@ def test_other_endings(tmp_path):
 )
 def test_the_page_says_which_identity_is_printed(kind, words):
     assert words in _title(marker_to_print(kind, None, {"id": 5}))
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".svg"])
+@pytest.mark.parametrize(
+    ("kind", "keys"),
+    [
+        ("chessboard", {"columns": 7, "square_m": 0.0201, "rows": 4}),
+        ("charuco", {"family": "aruco_5x5_100"}),
+        ("circle_grid", {"layout": "asymmetric", "columns": 4, "rows": 7, "spacing_m": 0.02, "diameter_m": 0.014}),
+        ("disc_with_chessboard", {"chessboard.columns": 5, "chessboard.rows": 4}),
+    ],
+)
+def test_a_print_says_which_marker_it_is(tmp_path: Path, kind: str, keys: dict[str, Any], suffix: str) -> None:
+    section = marker_to_print(kind, None, keys)
+    print_marker(section, tmp_path / f"board{suffix}")
+    described = described_marker(tmp_path / f"board{suffix}")
+    diameter_m = described.pop("diameter_m", None) if kind.startswith("disc") else None
+    assert marker_to_print(described.pop("kind"), diameter_m, described) == section
+
+
+def test_the_foot_of_a_board_has_the_command_of_its_calibration() -> None:
+    plain = calibrate_lines(marker_to_print("chessboard", None, {}), 90)
+    assert plain == ["roundel calibrate PHOTOS CAMERA --board chessboard"]
+    own = calibrate_lines(
+        marker_to_print("charuco", None, {"columns": 6, "square_m": 0.03, "family": "apriltag_36h11"}), 60
+    )
+    assert " ".join(own).endswith("--set columns=6 --set square_m=0.03 --set family=apriltag_36h11")
+    assert all(len(line) <= 60 and not line.endswith("--set") for line in own)
+    assert calibrate_lines(marker_to_print("disc", None, {}), 90) == []
+
+
+def test_files_that_do_not_say_which_marker_they_are(tmp_path: Path) -> None:
+    (tmp_path / "other.pdf").write_bytes(b"%PDF-1.4 roundel-marker {not json)")
+    with pytest.raises(DataError, match="does not say which board it is"):
+        described_marker(tmp_path / "other.pdf")
+    with pytest.raises(UsageError, match="no such file"):
+        described_marker(tmp_path / "none.pdf")
