@@ -13,6 +13,7 @@ import numpy as np
 
 from roundel.cli.calibration.boards import Photographed, photographed_board
 from roundel.cli.calibration.look import Look, judged, look_at
+from roundel.cli.calibration.wrong_board import other_board
 from roundel.cli.progress import progress
 from roundel.scenes.errors import NotComparableError, UsageError
 
@@ -57,6 +58,8 @@ def calibrate_from_photographs(arguments: argparse.Namespace, camera: Path) -> l
         looks, size = judged(look_at(sources, board, curve, show))
     found = _calibrated(board, looks, size, 5 if arguments.k3 else 4, arguments.bend)
     found = _upright(found, looks)
+    if not found.shown and (hint := other_board(sources, board)):
+        found = replace(found, problem=f"{found.problem} {hint}")
     for photo in found.photos:
         if photo.reason:
             print(f"roundel: {photo.name}: {photo.reason}", file=sys.stderr)
@@ -98,7 +101,7 @@ def _from_grids(
     which = [i for i, look in enumerate(looks) if look.grid is not None and not look.reason]
     grids = [grid for i in which if (grid := looks[i].grid) is not None]
     if len(grids) < MIN_VIEWS:
-        return PhotoCalibration(board.board, size, photos, None, too_few(len(grids), len(photos)))
+        return PhotoCalibration(board.board, size, photos, None, too_few(board.board, len(grids), len(photos)))
     try:
         result = calibrate_grids(grids, board.layout, size, coefficients, bend)
     except NotComparableError as error:

@@ -263,6 +263,26 @@ def test_what_is_refused_on_one_line(
     assert not (tmp_path / "camera.json").exists()
 
 
+@pytest.mark.parametrize(
+    ("kind", "wrong", "hint"),
+    [
+        (
+            "chessboard",
+            ["columns=9", "rows=6"],
+            "8 by 5 inner corners, which are what counts: give --set columns=8 --set rows=5",
+        ),
+        ("charuco", ["family=aruco_5x5_100"], "tags of the family aruco_4x4_50: give --set family=aruco_4x4_50"),
+    ],
+)
+def test_another_board_is_recognised(
+    photos: Path, tmp_path: Path, kind: str, wrong: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [part for one in wrong for part in ("--set", one)]
+    file = next((photos / kind).iterdir())
+    said = calibrate(capsys, file, tmp_path / "camera.json", "--board", kind, *options)
+    assert (said.code, hint in said.err, "is in none of the 1 photographs" in said.err) == (3, True, True), said.err
+
+
 def test_a_board_in_yaml(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "board.yaml"
     file.write_text("marker: {kind: charuco, columns: 8, rows: 5, square_m: 0.022, tag_m: 0.016}\n", encoding="utf-8")

@@ -35,7 +35,7 @@ def calibrated_from_corners(
     out = list(photos)
     which = [i for i, photo in enumerate(photos) if not photo.reason]
     if len(which) < LEAST_PHOTOGRAPHS:
-        return PhotoCalibration(board, size_px, out, None, too_few(len(which), len(photos)))
+        return PhotoCalibration(board, size_px, out, None, too_few(board, len(which), len(photos)))
     corners = [BoardCorners(photos[i].points_m, photos[i].pixels) for i in which]
     try:
         measured = calibrated(corners, size_px, coefficients, LEAST_PHOTOGRAPHS, "")
@@ -52,8 +52,10 @@ def calibrated_from_corners(
     return PhotoCalibration(board, size_px, out, fitted)
 
 
-def too_few(found: int, looked: int) -> str:
+def too_few(board: Board, found: int, looked: int) -> str:
     """Why a number of photographs does not make a camera."""
+    if not found:
+        return f"the {board.title}, is in none of the {looked} photographs: are its kind and counts right?"
     return (
         f"the board counts in {found} of {looked} photographs, which is too few: take {ENOUGH_PHOTOGRAPHS} or more, "
         "from different places, with the board tilted by 20 to 45 degrees in several directions"
