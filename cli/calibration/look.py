@@ -28,6 +28,8 @@ _TOGETHER = 2
 _THUMBNAIL_PX = 240
 # Points that agree so closely are those of a burst, or of a second copy: a tripod does not count twice.
 _SAME_PX = 0.5
+# Of a focal length: phones round the 35-mm equivalent to whole millimetres.
+_SAME_FOCAL = 0.02
 _WHY = {
     "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp and "
     "without glare",
@@ -55,6 +57,8 @@ class Look:
         Of a circle grid.
     picture : (h, w, 3) uint8 array or None
         Small.
+    focal_mm : float or None
+        Focal length of its EXIF, with digital zoom; None if it does not say.
     """
 
     name: str
@@ -65,6 +69,7 @@ class Look:
     points_m: Array = field(default_factory=lambda: np.empty((0, 3)))
     grid: GridImage | None = None
     picture: NDArray[np.uint8] | None = None
+    focal_mm: float | None = None
 
 
 def look_at(
@@ -124,7 +129,15 @@ def _looked(source: PhotoInput, board: Photographed, curve: ResponseCurve | None
     photo = read_photo(source.path, curve, source.page)
     turn = photo.exif.orientation
     stored = as_stored(photo.levels, turn)
-    base = Look(source.name, (stored.shape[1], stored.shape[0]), turn, picture=_small(as_stored(photo.picture, turn)))
+    tags = photo.exif
+    focal_mm = tags.focal_35mm_mm or tags.focal_mm
+    base = Look(
+        source.name,
+        (stored.shape[1], stored.shape[0]),
+        turn,
+        picture=_small(as_stored(photo.picture, turn)),
+        focal_mm=None if focal_mm is None else focal_mm * tags.digital_zoom,
+    )
     if turn not in TURNS:
         return replace(base, reason=f"is stored mirrored (EXIF orientation {turn}): switch mirroring off")
     if board.layout is not None:
@@ -177,10 +190,15 @@ def judged(found: Sequence[Look]) -> tuple[list[Look], tuple[int, int]]:
         raise UsageError(f"{found[0].name}: {found[0].reason}; none of the {len(found)} photographs can be used")
     shown = [look for look in read if not look.reason] or read
     size = Counter(look.size_px for look in shown).most_common(1)[0][0]
+    stated = Counter(look.focal_mm for look in shown if look.size_px == size and look.focal_mm is not None)
+    focal_mm = stated.most_common(1)[0][0] if stated else None
     out: list[Look] = []
     for look in found:
         if not look.reason and look.size_px != size:
             look = replace(look, reason=_other_size(look, size))
+        if not look.reason and look.focal_mm and focal_mm and abs(look.focal_mm / focal_mm - 1) > _SAME_FOCAL:
+            why = f"its EXIF has a focal length of {look.focal_mm:g} mm, most have {focal_mm:g} mm"
+            look = replace(look, reason=f"{why}: another lens or zoom is another camera")
         twin = next((other for other in out if not other.reason and _same_view(look, other)), None)
         if not look.reason and twin is not None:
             look = replace(look, reason=f"shows the board exactly where {twin.name} does: it would count twice")

@@ -126,7 +126,7 @@ def test_photographs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     code, line = error_of(capsys, "calibrate", *photos, file, "--grid", "6x5")
     assert (code, "a circle grid needs --grid COLUMNSxROWS, --spacing-m and --diameter-m" in line) == (2, True)
     code, line = error_of(capsys, "calibrate", *photos, file, *printed[:4], "--diameter-m", "0.04")
-    assert (code, "dots" in line or "circles" in line or "spacing_m" in line) == (2, True), line
+    assert (code, "neighbours touch or overlap" in line) == (2, True), line
     code, line = error_of(capsys, "calibrate", tmp_path / "none.png", photos[0], file, *printed)
     assert (code, "none.png" in line) == (4, True)
     # Another size is left out by name; that leaves three, which circles allow.

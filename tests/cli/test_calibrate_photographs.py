@@ -168,11 +168,12 @@ def test_a_phone_held_upright(photos: Path, tmp_path: Path, capsys: pytest.Captu
     assert sigmas["upright"] == pytest.approx(sigmas["across"], rel=1e-2)
 
 
-def _write_orientation(path: Path | str, orientation: int) -> None:
+def _write_orientation(path: Path | str, orientation: int, focal_35mm_mm: int = 26) -> None:
     """Set the EXIF orientation, with the pixels as they are: a phone's file when it was held otherwise."""
     data = Path(path).read_bytes()
     exif = Image.Exif()
     exif[274] = orientation
+    exif.get_ifd(0x8769)[0xA405] = focal_35mm_mm
     body = exif.tobytes()
     # An APP1 segment after the start of the image; an earlier one is replaced.
     rest = data[2:]
@@ -193,9 +194,12 @@ def test_what_is_left_out_is_named(some: Path, tmp_path: Path, capsys: pytest.Ca
         image.save(some / "resaved.png")
     (some / "broken.jpg").write_bytes(files[2].read_bytes()[:300])
     _write_orientation(shutil.copy(files[3], some / "mirrored.jpg"), 2)
+    for other in files[1:]:
+        _write_orientation(other, 1)
+    _write_orientation(shutil.copy(files[6], some / "wide.jpg"), 1, 13)
     said = calibrate(capsys, some, file, "--board", "chessboard")
     assert said.code == 0, said.err
-    assert "calibration: 7 of 14 views" in said.out
+    assert "calibration: 7 of 15 views" in said.out
     lines = {Path(line.split(": ")[1]).name: line for line in said.err.splitlines()}
     # By name a copy comes after IMG_00, of which it is one.
     for name, why in {
@@ -206,11 +210,12 @@ def test_what_is_left_out_is_named(some: Path, tmp_path: Path, capsys: pytest.Ca
         "resaved.png": "shows the board exactly where",
         "mirrored.jpg": "is stored mirrored (EXIF orientation 2)",
         "broken.jpg": "",
+        "wide.jpg": "its EXIF has a focal length of 13 mm, most have 26 mm",
     }.items():
         assert why in lines[name], name
-    assert len(lines) == 7
+    assert len(lines) == 8
     page = (tmp_path / "camera.html").read_text(encoding="utf-8")
-    assert page.count("not used: ") == 7
+    assert page.count("not used: ") == 8
 
 
 def test_too_few_and_all_from_the_front(some: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
