@@ -20,19 +20,19 @@ def add_calibrate(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     calibrate.add_argument(
         "--board",
         metavar="BOARD",
-        help="of photographs: the file that `roundel marker` printed (.pdf, .svg), a YAML file with the marker's keys, "
-        "or its kind: chessboard, charuco, circle_grid",
+        help="for photographs: the file that `roundel marker` printed (.pdf, .svg), a YAML file with the marker's "
+        "keys, or its kind: chessboard, charuco, circle_grid",
     )
     calibrate.add_argument(
         "--set",
         action="append",
         metavar="KEY=VALUE",
-        help="of photographs: a key of the board as for `roundel marker`, for example square_m=0.0203 as measured",
+        help="for photographs: a key of the board as for `roundel marker`, for example square_m=0.0203 as measured",
     )
     calibrate.add_argument(
-        "--page", type=on_disk, metavar="FILE", help="of photographs: the page to write (default: CAMERA with .html)"
+        "--page", type=on_disk, metavar="FILE", help="for photographs: the page to write (default: CAMERA with .html)"
     )
-    calibrate.add_argument("--group", metavar="GROUP", help="of a dataset: group of boards (default: the first such)")
+    calibrate.add_argument("--group", metavar="GROUP", help="for a dataset: group of boards (default: the first such)")
     calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
     calibrate.add_argument("--k3", action="store_true", help="also fit k3, if k1, k2, p1 and p2 do not fit the lens")
     calibrate.add_argument(
@@ -40,7 +40,7 @@ def add_calibrate(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         type=bend,
         default=0,
         metavar="ORDER",
-        help="of circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
+        help="for circle grids: fit the bend of the board, the same in all views, by a polynomial of order 2 to 6",
     )
     calibrate.add_argument(
         "--grid", type=grid, metavar="COLSxROWS", help="short for a circle grid: dots in a row, and rows"
@@ -50,4 +50,4 @@ def add_calibrate(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     )
     calibrate.add_argument("--diameter-m", type=positive, metavar="D", help="with --grid: diameter of a dot")
     calibrate.add_argument("--asymmetric", action="store_true", help="with --grid: an asymmetric circle grid")
-    calibrate.add_argument("--curve", metavar="CURVE", help="of photographs: response curve, as in `roundel solve`")
+    calibrate.add_argument("--curve", metavar="CURVE", help="for photographs: response curve, as in `roundel solve`")
