@@ -33,8 +33,8 @@ _SAME_FOCAL = 0.02
 _WHY = {
     "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp and "
     "without glare",
-    "charuco": "fewer than six corners of the ChArUco board found: come nearer, tilt it less, avoid blur and glare",
-    "circle_grid": "fewer than six dots of the circle grid found: come nearer, tilt it less, avoid blur and glare",
+    "charuco": "fewer than six corners of the ChArUco board found: show more of it, nearer, without blur and glare",
+    "circle_grid": "fewer than six dots of the circle grid found: show more of it, nearer, without blur and glare",
 }
 
 
