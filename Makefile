@@ -8,12 +8,15 @@ GATE_JOBS ?= 2
 BENCH_FLAGS ?=
 BENCH_PYTHON ?= python3.11
 FUZZ_SECONDS ?= 300
+DIST ?= dist
+REPOSITORY ?=
+TAG ?=
 BIN = .venv/bin
 PACKAGES = configs scenes render datasets solver validate cli
 # Rewritten when the environment is complete; older than what it was made from, it is made again.
 STAMP = .venv/.roundel-stamp
 
-.PHONY: help env clients-env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env league fuzz fuzz-env clean distclean
+.PHONY: help env clients-env demo docs test test-slow coverage check links gate bench bench-env bench-gate bench-solver peers-env league fuzz fuzz-env dist clean distclean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -113,9 +116,18 @@ fuzz-env: env ## atheris, for `make fuzz`; without it hypothesis fuzzes alone
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --group fuzz
 
+dist: ## wheel and sdist in dist/, checked; REPOSITORY=https://HOST/OWNER/NAME gives them links (packaging/)
+	@if ! [ .venv-dist/.stamp -nt pyproject.toml ]; then \
+	    $(PYTHON) -m venv .venv-dist || exit 1; \
+	    .venv-dist/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1' || exit 1; \
+	    .venv-dist/bin/python -m pip install --disable-pip-version-check --quiet --group dist || exit 1; \
+	    touch .venv-dist/.stamp; \
+	fi
+	.venv-dist/bin/python packaging/make_dist.py --out '$(DIST)' --repository '$(REPOSITORY)' --tag '$(TAG)'
+
 clean: ## remove caches, links, build products and out/demo
 	rm -rf .links .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist roundel.egg-info out/demo
 	find $(PACKAGES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-distclean: clean ## clean, and remove .venv, .venv-bench and .bench-peers too
-	rm -rf .venv .venv-bench .venv-clients .bench-peers benchmarks/peers/build
+distclean: clean ## clean, and remove .venv and the other environments too
+	rm -rf .venv .venv-bench .venv-clients .venv-dist .bench-peers benchmarks/peers/build

@@ -68,6 +68,7 @@ def _add_studies(add: AddVerb) -> None:
     check = add("check", "check a study and print its resolved form, its frames and its cost")
     check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
+    check.add_argument("--cache-key", action="store_true", help="print a key to cache the rendered dataset by, for CI")
 
     preview = add("preview", "render a few small frames of a study with few rays: a contact sheet and a page")
     preview.add_argument("study", metavar="STUDY", help=_STUDY)

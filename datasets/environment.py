@@ -58,6 +58,14 @@ def key_of(environment: Environment) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def cache_key(dataset_id: str) -> str:
+    """A name for a rendered dataset that changes with its study, with Roundel's version and with the packages.
+
+    It tells no processors apart: a finished dataset is valid on all of them.
+    """
+    return f"roundel-{versions()['roundel']}-{dataset_id[:12]}-{key_of(environment_of({}))[:8]}"
+
+
 def _difference(one: Environment, other: Environment) -> str:
     """The first thing in which two environments differ, as text: `mitsuba 3.9.1, not 3.9.2`."""
     for part in ("versions", "environment"):

@@ -30,6 +30,11 @@ def do_check(arguments: argparse.Namespace) -> int:
     from roundel.datasets.records import study_bytes
 
     study = _study(arguments.study)
+    if arguments.cache_key:
+        from roundel.datasets.environment import cache_key
+
+        print(cache_key(study.digest()))
+        return 0
     with progress("check") as show:
         cost = cost_of(study, partial(show, step="check"))
     print(study_bytes(study).decode(), end="")
