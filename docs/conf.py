@@ -48,7 +48,7 @@ def _name_files_outside(app: Sphinx, name: str, source: list[str]) -> None:
     def replaced(match: re.Match[str]) -> str:
         target = (folder / match[2]).resolve()
         inside = target.is_relative_to(Path(app.srcdir)) and not target.is_dir()
-        if inside and target.suffix in (".md", ".svg", ".png", ".jpg", ".rst"):
+        if inside and target.suffix in (".md", ".svg", ".png", ".jpg", ".rst", ".yml"):
             return match[0]
         shown = target.relative_to(Path(app.srcdir).parent).as_posix()
         text = match[1].strip("`")

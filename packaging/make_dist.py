@@ -1,8 +1,8 @@
 """Build the sdist and the wheel from the committed files, and check both (`make dist`).
 
 An index shows the README away from the repository, where relative links lead nowhere. Roundel does not know where its
-repository will be published, so the address is an argument: with it, links and pictures of the README become absolute, at
-the tag, and the package gets its project URLs. Without it, links become the names of the files, which the sdist holds.
+repository will be published, so the address is an argument: with it, links and pictures of the README become absolute,
+at the tag, and the package gets its project URLs. Without it, links become names of files, which the sdist holds.
 """
 
 from __future__ import annotations

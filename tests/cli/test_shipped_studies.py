@@ -1,12 +1,15 @@
 """Shipped studies by name: `roundel studies`, `roundel init`, and names in place of study files."""
 
+import re
 from pathlib import Path
 
 import pytest
 
+import roundel
 from roundel.cli.main import main
 from roundel.cli.verbs.studies import find_study
 from roundel.configs.shipped import starting_point, study_names, study_path, study_summary
+from roundel.datasets import environment
 from roundel.scenes.study.study import load_study
 
 
@@ -84,3 +87,27 @@ def test_init_overwrites_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_init_in_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["init", str(tmp_path / "no" / "mine.yaml")]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def cache_key_of(study: str, capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(["check", study, "--cache-key"]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    return line
+
+
+def test_the_key_of_a_cache_changes_with_what_the_frames_depend_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = cache_key_of("demo", capsys)
+    # It names a folder, and GitHub's keys take no commas.
+    assert re.fullmatch(rf"roundel-{re.escape(roundel.__version__)}-[0-9a-f]{{12}}-[0-9a-f]{{8}}", own)
+    text = study_path("demo").read_text(encoding="utf-8")
+    (tmp_path / "copy.yaml").write_text(f"# another comment\n{text}", encoding="utf-8")
+    (tmp_path / "seed.yaml").write_text(text.replace("seed: 7", "seed: 8"), encoding="utf-8")
+    assert cache_key_of(str(tmp_path / "copy.yaml"), capsys) == own
+    assert cache_key_of(str(tmp_path / "seed.yaml"), capsys) != own
+    installed = dict(environment.versions())
+    for package in ("roundel", "mitsuba"):
+        changed = tuple({**installed, package: "0.1.0"}.items())
+        monkeypatch.setattr(environment, "_versions", lambda changed=changed: changed)
+        assert cache_key_of("demo", capsys) != own
