@@ -59,7 +59,7 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
     Raises
     ------
     BackendError
-        If LLVM, the GPU or the variant is missing.
+        If LLVM, the GPU, the variant, or a library of the system is missing.
     """
     on_gpu = variant.startswith("cuda")
     if on_gpu:
@@ -70,8 +70,10 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
     except BackendError:
         if not on_gpu:
             raise
-    import mitsuba as mi
-
+    try:
+        import mitsuba as mi
+    except (ImportError, NameError) as error:
+        raise BackendError(_why_not_loaded(error)) from error
     if variant not in mi.variants():
         raise BackendError(f"Mitsuba has no variant {variant!r}; it has {', '.join(mi.variants())}")
     if mi.variant() != variant:
@@ -92,6 +94,15 @@ def start(variant: str = DEFAULT_VARIANT, threads: int | None = None) -> Any:
         dr.set_thread_count(threads)
         OpenEXR.set_global_thread_count(threads)
     return mi
+
+
+def _why_not_loaded(error: ImportError | NameError) -> str:
+    """What is missing, and the remedy. Dr.Jit 1.5 stumbles over its own message: the reason is that error's context."""
+    reason = first_line(error.__context__ or error)
+    remedy = "pip install --force-reinstall mitsuba drjit"
+    if "libatomic" in reason:  # missing in slim images of containers
+        remedy = "install it (Debian, Ubuntu: apt-get install libatomic1; Fedora: dnf install libatomic)"
+    return f"the renderer does not load: {reason}; {remedy}"
 
 
 def variant_of(frame: Frame, backend: str = DEFAULT_BACKEND) -> str:

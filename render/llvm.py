@@ -21,6 +21,11 @@ REMEDY = (
     f"install LLVM {OLDEST_LLVM} or newer (on Linux x86-64: pip install karellen-llvm-core) "
     "or set DRJIT_LIBLLVM_PATH to its libLLVM"
 )
+# The package puts its library in place when Python starts for the first time after the installation.
+_UNFINISHED = (
+    "karellen-llvm-core is installed, but not finished: whoever owns this environment has to start its Python once, "
+    f"for example by {sys.executable} -c pass"
+)
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,12 @@ def _candidates() -> list[tuple[Path, str]]:
     return found
 
 
+def _is_unfinished() -> bool:
+    """Whether the package with libLLVM waits for its first start, which others than its owner cannot complete."""
+    packages = Path(sys.prefix).glob("lib/python*/site-packages/karellen_llvm_core-*.dist-info")
+    return any(not (package / "axle.done").exists() for package in packages)
+
+
 def find_llvm() -> Llvm:
     """The libLLVM for Dr.Jit to load.
 
@@ -83,7 +94,7 @@ def find_llvm() -> Llvm:
         if version >= OLDEST_LLVM or (version == 0 and source == "the environment"):
             usable.append(Llvm(path, version, source))
     if not usable:
-        raise BackendError(f"no usable LLVM found; {REMEDY}")
+        raise BackendError(f"no usable LLVM found; {_UNFINISHED if _is_unfinished() else REMEDY}")
     ours = [llvm for llvm in usable if llvm.source == "the environment"]
     return ours[0] if ours else max(usable, key=lambda llvm: llvm.version)
 

@@ -83,6 +83,38 @@ def test_a_file_that_is_no_llvm_is_one_line_and_exit_code_4(tmp_path: Path, jobs
     assert "install LLVM" in done.stderr
 
 
+def test_a_package_that_is_not_finished_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    # pip run by root, Roundel by somebody else: the library is put in place by the first start of Python.
+    package = tmp_path / "lib" / "python3.12" / "site-packages" / "karellen_llvm_core-23.1.4.dist-info"
+    package.mkdir(parents=True)
+    monkeypatch.setattr(llvm, "_candidates", list)
+    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    with pytest.raises(BackendError, match="start its Python once"):
+        llvm.find_llvm()
+    (package / "axle.done").touch()
+    with pytest.raises(BackendError, match="pip install karellen-llvm-core"):
+        llvm.find_llvm()
+
+
+def test_a_library_that_the_system_lacks_is_one_line_and_exit_code_4(tmp_path: Path) -> None:
+    # Dr.Jit on Debian's slim image: an ImportError, and a NameError of Dr.Jit's own while it reports that.
+    (tmp_path / "drjit").mkdir()
+    (tmp_path / "drjit" / "__init__.py").write_text(
+        "try:\n    raise ImportError('libatomic.so.1: cannot open shared object file: No such file or directory')\n"
+        "except ImportError:\n    _drjit_ext.__file__\n"
+    )
+    command = [sys.executable, "-m", "roundel.cli.main", "doctor"]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=120)
+    assert done.returncode == 4
+    problems = [line for line in done.stdout.splitlines() if line.startswith("problem")]
+    assert len(problems) == 1
+    assert "libatomic.so.1: cannot open shared object file" in problems[0]
+    assert "apt-get install libatomic1" in problems[0]
+    assert done.stderr == ""
+
+
 def test_an_unknown_variant_is_said() -> None:
     with pytest.raises(BackendError, match="no variant 'llvm_nonsense'"):
         backend.start("llvm_nonsense")
