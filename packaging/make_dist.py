@@ -48,7 +48,10 @@ def standalone(text: str, repository: str | None, ref: str, root: Path = ROOT) -
         if repository is None:
             if picture:
                 return f"*({' '.join(label.split())})*"
-            return f"`{target}`" if label.strip("`") == target else f"{label} (`{target}`)"
+            if label.strip("`") == target:
+                return f"`{target}`"
+            inside = match.string[: match.start()].endswith("(")
+            return f"{label}: `{target}`" if inside else f"{label} (`{target}`)"
         kind = "raw" if picture else "tree" if path.is_dir() else "blob"
         return f"{picture}[{label}]({_page(repository, kind, ref)}/{target}{anchor})"
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -82,7 +85,8 @@ def test_links_of_the_description_are_absolute(make_dist: ModuleType, repository
 def test_without_an_address_the_description_has_no_link_that_leads_nowhere(make_dist: ModuleType) -> None:
     made = make_dist.standalone(text_of("README.md"), None, f"v{VERSION}")
     assert [target for target in LINK.findall(made) if not target.startswith("https://")] == []
-    assert "`docs/results.md`" in made
+    assert "Results (`docs/results.md`)" in made
+    assert "(how: `docs/store.md`)" in made
 
 
 def test_a_link_of_the_description_that_leads_nowhere_stops_the_build(make_dist: ModuleType) -> None:
@@ -178,3 +182,18 @@ def test_the_release_workflow_as_it_is_written(tmp_path: Path) -> None:
     with tarfile.open(runner.checkout / "dist" / f"roundel-{VERSION}.tar.gz") as sdist:
         inside = {name.partition("/")[2] for name in sdist.getnames()}
     assert set(known) - inside == {".gitignore"}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "ROUNDEL_CONTAINER" not in os.environ,
+    reason="set ROUNDEL_CONTAINER to the flags of packaging/container.sh ('', or --debootstrap) where a builder works",
+)
+def test_the_container_builds_and_its_demo_runs(tmp_path: Path) -> None:
+    subprocess.run(["make", "dist"], check=True, cwd=HOUSE)
+    command = [HOUSE / "packaging" / "container.sh", *shlex.split(os.environ["ROUNDEL_CONTAINER"]), tmp_path / "out"]
+    built = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout + built.stderr
+    assert "no problems found" in built.stdout
+    with (tmp_path / "out" / "demo" / "dataset" / "manifest.json").open(encoding="utf-8") as file:
+        assert json.load(file)["versions"]["roundel"] == VERSION
