@@ -24,11 +24,14 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 set -- --file packaging/Containerfile --tag roundel
 if [ -n "$made" ]; then
-    debootstrap --variant=minbase trixie "$folder/root"
-    base=$(buildah from scratch)
-    buildah add --quiet "$base" "$folder/root" /
-    buildah commit --quiet --rm "$base" localhost/debian:trixie-minbase
-    set -- "$@" --build-arg BASE=localhost/debian:trixie-minbase
+    image=localhost/debian:trixie-minbase
+    if ! buildah inspect --type image "$image" >/dev/null 2>&1; then
+        debootstrap --variant=minbase trixie "$folder/root"
+        base=$(buildah from scratch)
+        buildah add --quiet "$base" "$folder/root" /
+        buildah commit --quiet --rm "$base" "$image"
+    fi
+    set -- "$@" --build-arg "BASE=$image"
 fi
 if [ -n "${PIP_CERT:-}" ] && [ "$builder" != docker ]; then
     printf '[global]\ncert = /etc/host-certificates.crt\n' > "$folder/pip.conf"
@@ -36,7 +39,7 @@ if [ -n "${PIP_CERT:-}" ] && [ "$builder" != docker ]; then
 fi
 echo "builder: $builder"
 if [ "$builder" = buildah ]; then
-    buildah build "$@" .
+    buildah build --layers "$@" .
     # buildah runs no entry point: the same command, as the same user.
     box=$(buildah from roundel)
     chown 1000:1000 "$out" # the container's user
