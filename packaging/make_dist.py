@@ -1,4 +1,4 @@
-"""Build the sdist and the wheel from the committed files, and check both (`make dist`).
+"""Build the sdist and the wheel from the files that git tracks, and check both (`make dist`).
 
 An index shows the README away from the repository, where relative links lead nowhere. Roundel does not know where its
 repository will be published, so the address is an argument: with it, links and pictures of the README become absolute,
@@ -77,15 +77,17 @@ def with_urls(pyproject: str, repository: str, ref: str) -> str:
     return pyproject.replace("\n[project.scripts]\n", f"\n{table}\n\n[project.scripts]\n", 1)
 
 
-def committed_files(root: Path = ROOT) -> list[str]:
-    """Files that git knows and that are there."""
-    listed = subprocess.run(["git", "-C", str(root), "ls-files", "-z"], check=True, capture_output=True, text=True)
+def tracked_files(root: Path = ROOT) -> list[str]:
+    """Files that git tracks and that are there."""
+    listed = subprocess.run(["git", "-C", str(root), "ls-files", "-z"], check=False, capture_output=True, text=True)
+    if listed.returncode:
+        sys.exit(f"make dist needs a checkout of git: {listed.stderr.strip()}")
     return sorted(name for name in listed.stdout.split("\0") if name and (root / name).is_file())
 
 
 def copy_tree(to: Path, repository: str | None, ref: str) -> None:
-    """A copy of the committed files, so that nothing else gets into a distribution; the README stands alone in it."""
-    for name in committed_files():
+    """A copy of the tracked files, so that nothing else gets into a distribution; the README stands alone in it."""
+    for name in tracked_files():
         target = to / name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(ROOT / name, target)
