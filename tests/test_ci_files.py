@@ -17,7 +17,7 @@ HOUSE = Path(__file__).resolve().parents[1]
 CI = HOUSE / "docs" / "ci"
 GITHUB, GITLAB = ((CI / name).read_text(encoding="utf-8") for name in ("github-actions.yml", "gitlab-ci.yml"))
 
-# It stands in for `benchmark`, which takes half an hour: the same gate with 48 frames. The files say that STUDY is the
+# It stands in for `benchmark`, which takes ten minutes: the same gate with 48 frames. The files say that STUDY is the
 # user's, and this file is what they name as an example.
 MINE = {"STUDY": "accuracy/benchmark.yaml"}
 STUDY = """schema: 1
