@@ -3,7 +3,7 @@
 The rule, for the pages and for the test that runs their commands elsewhere:
 
 - Lines of progress, and the notice that the solver is compiled after an installation, are left out.
-- Durations, sizes in bytes, and checksums of 12 digits and more are not compared.
+- Durations, p-values, sizes in bytes, and checksums of 12 digits and more are not compared.
 - Other numbers may differ by 5 %, or by two units of their last digit: the last bits of a pixel depend on the
   processor's vector width, and a rare grey level with them.
 - All other text is the same.
@@ -15,7 +15,7 @@ import re
 
 _TRANSIENT = re.compile(r"\w+: \d+ of \d+ frames, \d+ s|roundel: compiling the solver's inner loops.*")
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
-_NOT_COMPARED = re.compile(r"\b[0-9a-f]{12,}\b|\b\d+(\.\d+)? ?(ms|s|kB|MB|GB)\b")
+_NOT_COMPARED = re.compile(r"\b[0-9a-f]{12,}\b|\bp = [-+.e0-9]+|\b\d+(\.\d+)? ?(ms|s|kB|MB|GB)\b")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 _RELATIVE, _LAST_DIGITS = 0.05, 2
 
