@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +50,14 @@ nb_execution_show_tb = True
 numpydoc_show_class_members = False
 autodoc_typehints = "none"  # numpydoc's sections say it with shapes and units
 autodoc_member_order = "bysource"
+
+# Notebooks run without the settings of whoever builds the site, and without IPython's notices on stderr.
+_IPYTHON = tempfile.TemporaryDirectory(prefix="roundel-ipython-")
+_PROFILE = Path(_IPYTHON.name) / "profile_default"
+_PROFILE.mkdir()
+(_PROFILE / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n", encoding="utf-8")
+os.environ["IPYTHONDIR"] = _IPYTHON.name
+logging.getLogger("traitlets").setLevel(logging.WARNING)
 
 _LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 

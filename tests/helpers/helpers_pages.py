@@ -68,7 +68,7 @@ class _Consoles(HTMLParser):
 
 
 def blocks_of_html(page: Path) -> list[Block]:
-    """The console blocks of a built page: the text that a reader selects and copies, and what the page says came of it."""
+    """The console blocks of a built page: the text that a reader copies, and what the page says came of it."""
     parser = _Consoles()
     parser.feed(page.read_text(encoding="utf-8"))
     return parser.blocks
