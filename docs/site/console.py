@@ -87,15 +87,16 @@ class Made(SphinxDirective):
         if not source.is_file():
             raise self.error(f"{name}: the blocks above wrote no such file")
         place, caption = f"{session.page}/{name.replace('/', '-')}", " ".join(self.content)
+        shown, _ = self.parse_inline(caption)
         if source.suffix in _PICTURES:
             _copy(source, Path(self.env.srcdir) / _MADE / place)
             image = nodes.image(uri=f"/{_MADE}/{place}", alt=self.options.get("alt", caption))
             if "width" in self.options:
                 image["width"] = self.options["width"]
-            return [nodes.figure("", image, nodes.caption("", caption))]
+            return [nodes.figure("", image, nodes.caption("", "", *shown))]
         _copy(source, Path(self.env.srcdir) / LINKED / "made" / place)
         target = f"{'../' * session.page.count('/')}made/{place}"
-        return [nodes.paragraph("", "", nodes.reference("", caption, refuri=target, internal=False))]
+        return [nodes.paragraph("", "", nodes.reference("", "", *shown, refuri=target, internal=False))]
 
 
 def _copy(source: Path, target: Path) -> None:

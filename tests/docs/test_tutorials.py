@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers_pages import (
     DOCS,
@@ -20,8 +21,10 @@ from helpers_pages import (
     without_documents,
 )
 
+import roundel
 from roundel.cli.parser import build_parser
 from roundel.scenes.study.study import load_study
+from roundel.solver.intrinsics.specification import camera_for, parse_intrinsics
 
 sys.path.insert(0, str(DOCS / "site"))
 from transcript import difference, shown
@@ -72,6 +75,20 @@ def test_the_studies_of_a_tutorial_are_read(page: Path, tmp_path: Path) -> None:
 def test_the_commands_of_a_recipe_parse(page: Path) -> None:
     lines = INDENTED.findall(page.read_text(encoding="utf-8"))
     assert [wrong for call in roundel_calls(lines) if (wrong := parsed(call))] == []
+
+
+def test_the_studies_and_cameras_of_recipes_are_read(tmp_path: Path) -> None:
+    texts = {page.stem: page.read_text(encoding="utf-8") for page in RECIPES}
+    studies = re.findall(r"^```yaml\n(schema: .*?)^```", "\n".join(texts.values()), flags=re.S | re.M)
+    assert len(studies) == 1
+    for text in studies:
+        (tmp_path / "study.yaml").write_text(text, encoding="utf-8")
+        load_study(tmp_path / "study.yaml")
+    (record,) = re.findall(r"^```json\n(.*?)^```", texts["own-camera"], flags=re.S | re.M)
+    (tmp_path / "camera.json").write_text(record, encoding="utf-8")
+    found = camera_for(parse_intrinsics(f"calibrated:{tmp_path / 'camera.json'}"), None, 1920, 1080)
+    (call,) = re.findall(r"^camera = (roundel\.Camera\(.*\))$", texts["own-camera"], flags=re.M)
+    assert np.array_equal(eval(call, {"roundel": roundel}).K, found.K)
 
 
 def test_the_rule_of_transcripts() -> None:
