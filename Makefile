@@ -99,9 +99,10 @@ peers-env: env ## .bench-peers with the programs beside ours, as methods of `rou
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --target .bench-peers --group peers ./benchmarks/peers
 	$(BIN)/python -c 'import pathlib, sysconfig; pathlib.Path(sysconfig.get_path("purelib"), "roundel-peers.pth").write_text("$(CURDIR)/.bench-peers\n")'
 
-docs: env ## the documentation site: out/docs/index.html
-	@$(BIN)/python -c 'import sphinx, furo, numpydoc, myst_parser' 2>/dev/null || \
+docs: env ## the documentation site: out/docs/index.html; runs the commands of the tutorials and the notebooks, once
+	@$(BIN)/python -c 'import sphinx, furo, numpydoc, myst_parser, myst_nb, sphinx_copybutton, pandas' 2>/dev/null || \
 	    $(BIN)/python -m pip install --disable-pip-version-check --quiet -c constraints.txt -e '.[docs]'
+	@echo "building the site; tutorials and notebooks that changed, or all if Roundel's code changed, are run: a few minutes"
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs out/docs
 	@echo "out/docs/index.html"
 

@@ -161,3 +161,16 @@ def open_dataset(path: Address) -> Dataset:
     if len(images.contents.parts) == 1:
         _ = dataset.truth  # of a small one, say what is wrong now
     return dataset
+
+
+def read_truth(path: Address) -> pa.Table:
+    """The truth of a dataset as one table: a row for each marker in each frame, sorted by (frame_id, marker_id).
+
+    The columns are those of `truth.parquet`; `to_pandas` makes a data frame where pandas is installed.
+
+    Raises
+    ------
+    DataError
+        As `open_dataset`.
+    """
+    return open_dataset(path).truth

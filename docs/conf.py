@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +24,10 @@ author = "The Roundel authors"
 release = roundel.__version__
 copyright = author
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "sphinx-mathjax-offline"]  # no page loads anything
+# No page loads anything from elsewhere. `console` is ours: docs/site/console.py.
+extensions = [
+    "myst_nb", "sphinx.ext.autodoc", "numpydoc", "sphinx-mathjax-offline", "sphinx_copybutton", "console",
+]  # fmt: skip
 exclude_patterns = ["decisions/README.md", "roundel_simittag/**", "site/**"]
 root_doc = "index"
 html_theme = "furo"
@@ -29,14 +35,29 @@ html_title = f"Roundel {release}"
 html_copy_source = False
 html_show_sphinx = False
 html_static_path = ["site/static"]
-html_css_files = ["wide.css"]
+html_css_files = ["wide.css", "console.css"]
+html_extra_path = ["reference/linked"]  # pages that commands of the tutorials wrote, as they are
+copybutton_selector = "div.commands pre, div.highlight-python pre, div.highlight-yaml pre"
 
 myst_enable_extensions = ["dollarmath", "fieldlist"]
 myst_heading_anchors = 4
 myst_fence_as_directive = ["math"]
+nb_execution_mode = "force"  # each time the page is read, which is when it or Roundel has changed
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_execution_show_tb = True
 numpydoc_show_class_members = False
 autodoc_typehints = "none"  # numpydoc's sections say it with shapes and units
 autodoc_member_order = "bysource"
+
+# Notebooks run without the settings of whoever builds the site, and without IPython's notices on stderr.
+_IPYTHON = tempfile.TemporaryDirectory(prefix="roundel-ipython-")
+_PROFILE = Path(_IPYTHON.name) / "profile_default"
+_PROFILE.mkdir()
+(_PROFILE / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 40\n", encoding="utf-8")
+os.environ["IPYTHONDIR"] = _IPYTHON.name
+logging.getLogger("traitlets").setLevel(logging.WARNING)
 
 _LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 

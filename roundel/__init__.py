@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from roundel.datasets.dataset import Dataset, open_dataset
+    from roundel.datasets.dataset import Dataset, open_dataset, read_truth
     from roundel.datasets.layout.images import open_images
     from roundel.render.run import render_study
     from roundel.scenes.camera.model import Camera
@@ -61,6 +61,7 @@ __all__ = [
     "poses_from_ellipse",
     "read_estimates",
     "read_scores",
+    "read_truth",
     "render_study",
     "solve_dataset",
     "validate_dataset",
@@ -93,6 +94,7 @@ _MODULES = {
     "poses_from_ellipse": "solver.pose.circle_pose",
     "read_estimates": "validate.estimates.reader",
     "read_scores": "validate.scores.report_files",
+    "read_truth": "datasets.dataset",
     "render_study": "render.run",
     "solve_dataset": "solver.methods.solve",
     "validate_dataset": "validate.validate",

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from helpers_studies import digests, small_study
 
+import roundel
 from roundel.cli.main import main
 from roundel.datasets import environment as environments
 from roundel.datasets.dataset import open_dataset
@@ -62,6 +63,7 @@ def test_a_dataset_of_several_shards(whole: Path) -> None:
     assert dataset.images.frame_ids == list(range(11))
     assert dataset.images.groups == ["seen"] * 5 + ["drawn"] * 6
     assert dataset.truth["frame_id"].to_pylist() == list(range(11))
+    assert roundel.read_truth(whole)["frame_id"].to_pylist() == list(range(11))
     assert dataset.images.image(4).shape == (48, 64)
     assert set(dataset.images.points(10)) == {0}
     assert dataset.verify(full=True) == []
