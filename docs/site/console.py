@@ -10,7 +10,7 @@ command that fails, and the build fails unless the block's exit status is the on
     ```
 
 `last` shows no more than the last lines of the output. Commands are shown without prompts, so that they can be copied.
-docs/decisions/031-tutorials-that-run.md has the reasons.
+docs/decisions/030-tutorials-that-run.md has the reasons.
 """
 
 from __future__ import annotations
