@@ -175,6 +175,8 @@ def _level_axis(axes: Axes, sweep: dict[str, Any]) -> None:
         axes.set_xscale("log")
         axes.set_xticks(levels, [f"{v:g}" for v in levels], minor=False)
         axes.xaxis.set_minor_formatter("")
+    else:
+        axes.locator_params(axis="x", nbins=4)  # wide numbers such as 1.0005 side by side
     if sweep["levels"][0] > sweep["levels"][-1]:
         axes.invert_xaxis()
     axes.set_xlabel(title_of(sweep))
