@@ -32,7 +32,7 @@ def add_calibrate(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     calibrate.add_argument(
         "--page", type=on_disk, metavar="FILE", help="for photographs: the page to write (default: CAMERA with .html)"
     )
-    calibrate.add_argument("--group", metavar="GROUP", help="for a dataset: group of boards (default: the first such)")
+    calibrate.add_argument("--group", metavar="GROUP", help="for a dataset: group of boards (default: the first one)")
     calibrate.add_argument("--views", type=views, metavar="N", help="only the first N views (default: all)")
     calibrate.add_argument("--k3", action="store_true", help="also fit k3, if k1, k2, p1 and p2 do not fit the lens")
     calibrate.add_argument(

@@ -119,7 +119,7 @@ def _of_yaml(path: Path) -> dict[str, Any]:
     raw, _ = read_yaml(path)
     section = raw.get("marker", raw) if isinstance(raw, dict) else None
     if not isinstance(section, dict) or "kind" not in section:
-        raise UsageError(f"{path}: is no marker; it needs kind: chessboard (or charuco, circle_grid) and its sizes")
+        raise UsageError(f"{path}: is not a marker; it needs kind: chessboard (or charuco, circle_grid) and its sizes")
     return dict(section)
 
 

@@ -33,8 +33,8 @@ _SAME_FOCAL = 0.02
 _WHY = {
     "chessboard": "no chessboard of {0} by {1} inner corners found: all of it has to be in the picture, sharp and "
     "without glare",
-    "charuco": "fewer than six corners of the ChArUco board found: show more of it, nearer, without blur and glare",
-    "circle_grid": "fewer than six dots of the circle grid found: show more of it, nearer, without blur and glare",
+    "charuco": "fewer than six corners of the ChArUco board found: show more of it, closer, without blur or glare",
+    "circle_grid": "fewer than six dots of the circle grid found: show more of it, closer, without blur or glare",
 }
 
 
@@ -209,11 +209,11 @@ def judged(found: Sequence[Look]) -> tuple[list[Look], tuple[int, int]]:
 def _other_size(look: Look, size: tuple[int, int]) -> str:
     width, height = look.size_px
     if look.size_px == size[::-1]:
-        why = "it was turned without a note in its EXIF; take the file as the camera wrote it"
+        why = "it was turned without a note in its EXIF; use the file as the camera wrote it"
     elif abs(width * size[1] - height * size[0]) <= max(size) * 2:
-        why = "it was scaled, or taken in another mode; take the file as the camera wrote it"
+        why = "it was scaled, or taken in another mode; use the file as the camera wrote it"
     else:
-        why = "it was cropped, or is of another camera; take the file as the camera wrote it"
+        why = "it was cropped, or is from another camera; use the file as the camera wrote it"
     return f"has {width}x{height} px, but most have {size[0]}x{size[1]}: {why}"
 
 

@@ -133,7 +133,7 @@ def _looked_at(path: Path, sheet: Sheet, board: Part, circles: list[Part]) -> Bo
     photo, data = read_photo(path), _bytes(path)
     suffix, turn = suffix_of(data), photo.exif.orientation
     if suffix is None:
-        raise DataError("is no JPEG and no PNG; export it as JPEG, with its metadata")
+        raise DataError("is neither JPEG nor PNG; export it as JPEG, with its metadata")
     if turn in _MIRRORED:
         raise DataError(f"is stored mirrored (EXIF orientation {turn}); switch mirroring off")
     pixels = as_stored(photo.levels, turn)

@@ -181,7 +181,7 @@ def _report(out: Path, manifest: dict[str, Any], measured: Measured, calibrated:
         f"({own['position_pct']:.2f} % of the distance)"
     )
     if located:
-        _warn(f"{located} photographs tell where they were taken (GPS): remove it before you publish them")
+        _warn(f"{located} photographs tell where they were taken (GPS): remove the position before you publish them")
     print(f"next: roundel solve {out} ESTIMATES, then roundel validate {out} ESTIMATES --out REPORT")
 
 

@@ -87,7 +87,7 @@ def do_verify(arguments: argparse.Namespace) -> int:
     if "://" not in arguments.dataset and (Path(arguments.dataset) / EXPORT).is_file():
         return verify_export(Path(arguments.dataset), arguments.against)
     if arguments.against:
-        raise UsageError(f"--against: {arguments.dataset} is no export")
+        raise UsageError(f"--against: {arguments.dataset} is not an export")
     path = _there(arguments.dataset)
     manifest, _ = read_manifest(path)
     with progress("verify") as show:

@@ -32,7 +32,7 @@ def do_export(arguments: argparse.Namespace) -> int:
         )
     numbers = ", ".join(f"{name} {count}" for name, count in counts.items())
     print(f"{arguments.out}: {arguments.format}, {sum(counts.values())} frames ({numbers})")
-    print(f"not held by {arguments.format}: {'; '.join(FORMATS[arguments.format].left_out)}")
+    print(f"not stored in {arguments.format}: {'; '.join(FORMATS[arguments.format].left_out)}")
     return 0
 
 

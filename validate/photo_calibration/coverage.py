@@ -106,7 +106,7 @@ def coverage_lines(coverage: Coverage, count: int) -> list[str]:
     if coverage.largest_tilt_deg < TILTED_DEG:
         lines.append(
             f"the board is tilted by {coverage.largest_tilt_deg:.0f} degrees at most: tilt it by 20 to 45 degrees, "
-            "each time with another side away from you"
+            "each time with a different side away from you"
         )
     elif coverage.missing_tilts:
         sides = _listed(tuple(f"its {side} side" for side in coverage.missing_tilts), "or")

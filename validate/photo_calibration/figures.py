@@ -47,7 +47,7 @@ def coverage_picture(found: PhotoCalibration) -> Picture:
         at.set_yticklabels([])
 
     caption = (
-        "Coverage of the image: every point of every board; colours tell the photographs apart. "
+        "Coverage of the image: every point of every board, in one colour for each photograph. "
         f"{100 * coverage.share:.0f} % of the {columns} by {rows} cells have a point; those without one are shaded."
     )
     return Picture("coverage", caption, draw_svg("coverage", caption, _size(width, height), draw))
@@ -79,8 +79,8 @@ def residual_picture(found: PhotoCalibration) -> Picture:
 
     caption = (
         f"Residuals, measured minus predicted, magnified {scale:g} times (blue), and their means over cells of the "
-        f"image (orange). RMS {found.rms_px:.3f} px. Long orange arrows that turn or grow over the image are what the "
-        "lens model does not describe; without them the residuals are noise."
+        f"image (orange). RMS {found.rms_px:.3f} px. Long orange arrows that turn or grow over the image show what the "
+        "lens model does not describe; without them, the residuals are noise."
     )
     return Picture("residuals", caption, draw_svg("residuals", caption, _size(width, height), draw))
 

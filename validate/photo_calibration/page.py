@@ -23,10 +23,10 @@ _MEANINGS = {
     "fy": "focal length along y: a displacement of {border:.2g} px at the lower border of the image",
     "cx": "principal point, from the left",
     "cy": "principal point, from the top",
-    "k1": "lens, radial: bends straight lines, barrel (below 0) or pillow (above 0)",
+    "k1": "lens, radial: bends straight lines, barrel (below 0) or pincushion (above 0)",
     "k2": "lens, radial, of fourth order: acts near the corners, together with k1",
-    "p1": "lens, tangential: an element that is not centred, along y",
-    "p2": "lens, tangential: an element that is not centred, along x",
+    "p1": "lens, tangential: a decentred element, along y",
+    "p2": "lens, tangential: a decentred element, along x",
     "k3": "lens, radial, of sixth order",
 }
 
