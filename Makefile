@@ -67,7 +67,7 @@ links:
 	@for file in $$(find $(PACKAGES) -name '*.py' -o -name py.typed); do ln -s "$(CURDIR)/$$file" ".links/roundel/$$file"; done
 	@for file in __init__.py py.typed; do ln -s "$(CURDIR)/roundel/$$file" ".links/roundel/$$file"; done
 
-gate: env ## render, solve and score configs/benchmark.yaml, and hold it against benchmarks/baseline.parquet
+gate: env ## render, solve and score configs/benchmark.yaml, and compare with benchmarks/baseline.parquet
 	$(BIN)/roundel run configs/benchmark.yaml out/benchmark --jobs $(GATE_JOBS)
 	$(BIN)/roundel gate out/benchmark/report --baseline benchmarks/baseline.parquet --junit out/benchmark/gate.xml
 
@@ -81,7 +81,7 @@ bench-env: ## .venv-bench with Cycles (bpy), for `make bench`; needs Python 3.11
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	.venv-bench/bin/python -m pip install --disable-pip-version-check --quiet --group bench
 
-bench-gate: env ## what the gate is worth: false alarms, a loss of 5 %, planted bugs (an hour or two; goes on where it stopped)
+bench-gate: env ## error rates of the gate: false alarms, a loss of 5 %, planted bugs (an hour or two; continues where it stopped)
 	$(BIN)/python benchmarks/gate/gate.py $(BENCH_FLAGS)
 
 bench-solver: env ## the solver against simittag, pycalib and OpenCV (make peers-env first)
@@ -93,7 +93,7 @@ clients-env: env ## .venv-clients with programs that read exports, for `make tes
 	.venv-clients/bin/python -m pip install --disable-pip-version-check --quiet --group clients
 
 # A .pth file puts the folder at the end of the search path: Roundel's own OpenCV and NumPy come first.
-peers-env: env ## .bench-peers with the programs beside ours, as methods of `roundel solve`
+peers-env: env ## .bench-peers with published programs, as methods of `roundel solve`
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	rm -rf .bench-peers
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --target .bench-peers --group peers ./benchmarks/peers
@@ -110,10 +110,10 @@ league: env ## every related system on the same images (make peers-env first): o
 	$(BIN)/roundel league run out/league
 	$(BIN)/python docs/league/make.py out/league/league
 
-fuzz: env ## fuzz the entrances to images and photographs for FUZZ_SECONDS in all
+fuzz: env ## fuzz the reading of images and photographs, for FUZZ_SECONDS in all
 	$(BIN)/python fuzz/run.py --seconds $(FUZZ_SECONDS)
 
-fuzz-env: env ## atheris, for `make fuzz`; without it hypothesis fuzzes alone
+fuzz-env: env ## atheris, for `make fuzz`; without it, only hypothesis fuzzes
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --group fuzz
 
