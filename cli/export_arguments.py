@@ -29,7 +29,7 @@ def add_export(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         choices=("pose", "group", "world", "camera"),
         default="pose",
         metavar="WHAT",
-        help="what two splits never share: pose (default), group, world or camera",
+        help="what the splits must not share: pose (default), group, world or camera",
     )
     export.add_argument("--split-seed", type=int, metavar="N", help="seed of the split (default: the study's)")
     export.add_argument("--groups", nargs="+", metavar="GROUP", help="only frames of these groups")

@@ -34,7 +34,7 @@ _STUDY = "a YAML file, or the name of a shipped study (see `roundel studies`)"
 _DATASET = "dataset: its folder, or an address such as s3://bucket/name"
 _REPORT = "folder of a report, written by `roundel validate`"
 _OUT = "folder to write to"
-_METHOD_FILE = "a function in a file of your own, path/to/file.py:find"
+_METHOD_FILE = "a function in your own file, path/to/file.py:find"
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -68,7 +68,7 @@ def _add_studies(add: AddVerb) -> None:
     check = add("check", "check a study and print its resolved form, its frames and its cost")
     check.add_argument("study", nargs="?", metavar="STUDY", help=_STUDY)
     check.add_argument("--schema", action="store_true", help="print the JSON Schema of a study instead")
-    check.add_argument("--cache-key", action="store_true", help="print a key to cache the rendered dataset by, for CI")
+    check.add_argument("--cache-key", action="store_true", help="print a key for caching the rendered dataset in CI")
 
     preview = add("preview", "render a few small frames of a study with few rays: a contact sheet and a page")
     preview.add_argument("study", metavar="STUDY", help=_STUDY)
@@ -251,7 +251,7 @@ def _add_solving(add: AddVerb) -> None:
         "--knowledge",
         metavar="WORDS",
         help="prior knowledge of the pose: same_side, opposite_side, normal:X,Y,Z:SPREAD_DEG, floor, wall, ceiling, "
-        "circle:RATIO, tick, coplanar (all circles in one plane, of one size); join several with + (default: none, "
+        "circle:RATIO, tick, coplanar (all circles in one plane, of one size); combine several with + (default: none, "
         "both poses are equally likely)",
     )
 
@@ -316,7 +316,7 @@ def _add_league(add: AddVerb) -> None:
     score.add_argument(
         "--dataset", required=True, metavar="DATASET", help="the league's dataset, or its held-back part"
     )
-    score.add_argument("--against", metavar="LEAGUE", help="folder of the published league, to be beside its entries")
+    score.add_argument("--against", metavar="LEAGUE", help="folder of the published league, to compare with")
     score.add_argument("--name", metavar="NAME", help="name of the entry (default: the method's)")
     score.add_argument("--out", type=on_disk, required=True, metavar="FOLDER", help="folder to write the page to")
     for parser in (run, score):

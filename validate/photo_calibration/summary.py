@@ -33,9 +33,9 @@ def certainty_line(fitted: Fitted) -> str:
     found, sigma = uncertainty_px(fitted.camera, fitted.covariance), fitted.sigmas
     focal = max(sigma["fx"] / fitted.values["fx"], sigma["fy"] / fitted.values["fy"])
     return (
-        f"known to: focal length {100 * focal:.2g} % ({found['focal length']:.2g} px at the border of the image), "
-        f"principal point {found['principal point']:.2g} px, lens distortion {found['lens distortion']:.2g} px at the "
-        "corner of the image (one standard deviation)"
+        f"standard deviations: focal length {100 * focal:.2g} % ({found['focal length']:.2g} px at the border of the "
+        f"image), principal point {found['principal point']:.2g} px, lens distortion {found['lens distortion']:.2g} px "
+        "at the corner of the image"
     )
 
 
