@@ -299,7 +299,7 @@ def calibration_notes(calibration: GridCalibration, layout: GridLayout) -> list[
     edge, own = calibration.edge_px, sigma["edge_px"]
     if abs(edge) > max(_ODD_EDGE_PX, 5 * own):
         lines.append(
-            f"the edges of the dots are displaced by {edge:+.2f} ± {own:.2f} px (outward is positive): the images have "
-            "another response curve (--curve), or were sharpened; the camera takes this into account"
+            f"the edges of the dots lie {edge:+.2f} ± {own:.2f} px outward: the response curve of the images is "
+            "another (--curve), or they were sharpened; the camera takes it into account"
         )
     return lines
