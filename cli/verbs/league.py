@@ -21,7 +21,7 @@ def run_league(arguments: argparse.Namespace) -> int:
     from roundel.validate.league.league import PAGE, Solved, outcomes_of_entries, write_league
 
     if arguments.truth and not arguments.dataset:
-        raise UsageError("--truth needs --dataset, the published images that it belongs to")
+        raise UsageError("--truth belongs to published images: give them with --dataset")
     out = Path(arguments.out)
     dataset_path = Path(arguments.dataset) if arguments.dataset else _rendered(out / "dataset", arguments)
     solved, missing = _solved(dataset_path, out / "estimates", arguments)
