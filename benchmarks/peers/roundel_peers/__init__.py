@@ -1,4 +1,4 @@
-"""Published programs as methods of Roundel, a module each: their conventions are turned into ours here, and nothing else.
+"""Published programs as methods of Roundel, a module each: it only turns their conventions into ours.
 
 Each module imports its program at its top, so that a missing one is named in one line when its method is asked for.
 """

@@ -1,4 +1,4 @@
-"""The published programs of benchmarks/peers: each reads its own marker, in our conventions, beside Roundel's OpenCV."""
+"""Published programs of benchmarks/peers: each reads its own marker, in our conventions, beside Roundel's OpenCV."""
 
 from __future__ import annotations
 
