@@ -36,9 +36,9 @@ def test_links_lead_somewhere(page: Path) -> None:
         if target.startswith(("http://", "https://", "mailto:")):
             continue
         name, _, anchor = target.partition("#")
-        if name.startswith("reference/"):
-            continue  # made by the build, which fails on a link that leads nowhere
         file = (page.parent / name).resolve() if name else page
+        if HOUSE / "docs" / "reference" in file.parents:
+            continue  # made by the build, which fails on a link that leads nowhere
         if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors_of(file)):
             broken.append(target)
     assert broken == []

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 
-HOUSE = Path(__file__).resolve().parents[2]
+HOUSE = Path(__file__).resolve().parents[3]
 DOCS = HOUSE / "docs"
 TUTORIALS = sorted(p for p in (DOCS / "tutorials").glob("*.md") if p.stem != "index")
 _BLOCK = re.compile(r"^```\{console\}\n((?::\w+:[^\n]*\n)*)(.*?)\n```$", flags=re.S | re.M)
