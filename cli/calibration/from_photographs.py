@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from roundel.cli.calibration.board_detection import BoardDetection, detect_boards, exclude_inconsistent
 from roundel.cli.calibration.boards import Photographed, photographed_board
-from roundel.cli.calibration.look import Look, judged, look_at
 from roundel.cli.calibration.wrong_board import other_board
 from roundel.cli.progress import progress
 from roundel.scenes.errors import NotComparableError, UsageError
@@ -55,9 +55,9 @@ def calibrate_from_photographs(arguments: argparse.Namespace, camera: Path) -> l
             raise UsageError(f"{arguments.views} views are requested of {len(sources)} photographs; request fewer")
         sources = sources[: arguments.views]
     with progress("calibrate") as show:
-        looks, size = judged(look_at(sources, board, curve, show))
-    found = _calibrated(board, looks, size, 5 if arguments.k3 else 4, arguments.bend)
-    found = _upright(found, looks)
+        detections, size = exclude_inconsistent(detect_boards(sources, board, curve, show))
+    found = _calibrated(board, detections, size, 5 if arguments.k3 else 4, arguments.bend)
+    found = _upright(found, detections)
     if not found.shown and (hint := other_board(sources, board)):
         found = replace(found, problem=f"{found.problem} {hint}")
     for photo in found.photos:
@@ -72,20 +72,20 @@ def calibrate_from_photographs(arguments: argparse.Namespace, camera: Path) -> l
 
 
 def _calibrated(
-    board: Photographed, looks: list[Look], size: tuple[int, int], coefficients: int, bend: int
+    board: Photographed, detections: list[BoardDetection], size: tuple[int, int], coefficients: int, bend: int
 ) -> PhotoCalibration:
     from roundel.validate.photo_calibration.from_corners import calibrated_from_corners
     from roundel.validate.photo_calibration.record import BoardPhoto
 
-    photos = [BoardPhoto(k.name, k.size_px, k.reason, k.pixels, k.points_m, picture=k.picture) for k in looks]
+    photos = [BoardPhoto(k.name, k.size_px, k.reason, k.pixels, k.points_m, picture=k.picture) for k in detections]
     if board.layout is None:
         return calibrated_from_corners(board.board, size, photos, coefficients)
-    return _from_grids(board, looks, photos, size, coefficients, bend)
+    return _from_grids(board, detections, photos, size, coefficients, bend)
 
 
 def _from_grids(
     board: Photographed,
-    looks: list[Look],
+    detections: list[BoardDetection],
     photos: list[BoardPhoto],
     size: tuple[int, int],
     coefficients: int,
@@ -98,8 +98,8 @@ def _from_grids(
     from roundel.validate.photo_calibration.record import Fitted, PhotoCalibration
 
     assert board.layout is not None
-    which = [i for i, look in enumerate(looks) if look.grid is not None and not look.reason]
-    grids = [grid for i in which if (grid := looks[i].grid) is not None]
+    which = [i for i, one in enumerate(detections) if one.grid is not None and not one.reason]
+    grids = [grid for i in which if (grid := detections[i].grid) is not None]
     if len(grids) < MIN_VIEWS:
         return PhotoCalibration(board.board, size, photos, None, too_few(board.board, len(grids), len(photos)))
     try:
@@ -138,13 +138,13 @@ def _from_grids(
     return PhotoCalibration(board.board, size, photos, fitted)
 
 
-def _upright(found: PhotoCalibration, looks: list[Look]) -> PhotoCalibration:
+def _upright(found: PhotoCalibration, detections: list[BoardDetection]) -> PhotoCalibration:
     """As most of the photographs are shown: those of a phone held upright make a camera that is higher than wide."""
     from roundel.scenes.camera.quarter_turns import TURNS
 
-    counted = [look for look, photo in zip(looks, found.photos, strict=True) if photo.used]
-    counted = counted or [look for look in looks if look.size_px == found.size_px and look.orientation in TURNS]
+    counted = [one for one, photo in zip(detections, found.photos, strict=True) if photo.used]
+    counted = counted or [one for one in detections if one.size_px == found.size_px and one.orientation in TURNS]
     if not counted:
         return found
-    orientation = Counter(look.orientation for look in counted).most_common(1)[0][0]
+    orientation = Counter(one.orientation for one in counted).most_common(1)[0][0]
     return found.turned(TURNS[orientation], orientation)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from roundel.cli.progress import progress
-from roundel.cli.verbs.photos import are_photographs
+from roundel.cli.verbs.photos import are_photographs, is_dataset
 from roundel.scenes.errors import UsageError
 
 if TYPE_CHECKING:
@@ -23,12 +23,13 @@ def calibrate(arguments: argparse.Namespace) -> int:
     camera = Path(arguments.camera)
     if camera.is_dir():
         raise UsageError(f"{camera}: is a folder; the last argument is the camera file to write")
-    if are_photographs(arguments.inputs):
+    given = [name for name in _PRINTED if getattr(arguments, name)]
+    # A folder that is no dataset was meant as one of photographs, even if it has none.
+    if are_photographs(arguments.inputs) or (given and not is_dataset(arguments.inputs[0])):
         from roundel.cli.calibration.from_photographs import calibrate_from_photographs
 
         lines = calibrate_from_photographs(arguments, camera)
     else:
-        given = [name for name in _PRINTED if getattr(arguments, name)]
         if given:
             raise UsageError(
                 f"--{given[0].replace('_', '-')}: goes with photographs; a dataset records its board; leave it out"

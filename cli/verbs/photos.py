@@ -17,6 +17,14 @@ VIDEO_SUFFIXES = (
 )  # fmt: skip
 
 
+def is_dataset(text: str) -> bool:
+    """Whether an input is a dataset, finished or not: an address, or a folder that says so."""
+    from roundel.datasets.layout.files import MANIFEST, STUDY
+
+    path = Path(text)
+    return is_url(text) or (path.is_dir() and any((path / name).exists() for name in (MANIFEST, STUDY)))
+
+
 def are_photographs(inputs: list[str]) -> bool:
     """Whether the inputs of `solve` are photographs: image files, patterns, or folders of images; else it is a dataset.
 
@@ -25,12 +33,7 @@ def are_photographs(inputs: list[str]) -> bool:
     UsageError
         If they mix datasets and photographs, or are several datasets.
     """
-    from roundel.datasets.layout.files import MANIFEST, STUDY
     from roundel.solver.photos.photo_inputs import images_in
-
-    def is_dataset(text: str) -> bool:
-        path = Path(text)
-        return is_url(text) or (path.is_dir() and any((path / name).exists() for name in (MANIFEST, STUDY)))
 
     datasets = [text for text in inputs if is_dataset(text)]
     if datasets and len(inputs) > 1:

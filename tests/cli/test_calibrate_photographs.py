@@ -134,6 +134,13 @@ def test_a_dataset_records_its_board(photos: Path, tmp_path: Path, capsys: pytes
     )  # fmt: skip
 
 
+def test_a_folder_without_photographs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "empty").mkdir()
+    said = calibrate(capsys, tmp_path / "empty", tmp_path / "camera.json", "--board", "chessboard")
+    assert said.code == 2
+    assert said.err.endswith("empty: no photographs in this folder (its sub-folders are not searched)")
+
+
 def test_a_phone_held_upright(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # ChArUco boards are found ten times faster than chessboards.
     some = shutil.copytree(photos / "charuco", tmp_path / "photos")

@@ -32,7 +32,7 @@ _SPANS = (0.35, 0.55)
 _DIRECTIONS = 8
 _BORDER_PX = 8.0  # between the board and the border of the image
 # A photograph that reduces the largest uncertainty by less is not worth taking.
-_WORTH = 0.04
+_LEAST_GAIN = 0.04
 _ROWS, _COLUMNS = ("upper", "", "lower"), ("left", "", "right")
 _SIDES = ("right side", "lower right corner", "lower side", "lower left corner",
           "left side", "upper left corner", "upper side", "upper right corner")  # fmt: skip
@@ -175,7 +175,7 @@ def next_photographs(fitted: Fitted, board: Board, count: int = 3) -> list[Advic
         weakest = max(before, key=lambda part: before[part])
         after = [uncertainty_px(camera, np.asarray(np.linalg.inv(known + one))) for one in informations]
         best = min(range(len(after)), key=lambda i: after[i][weakest])
-        if after[best][weakest] > (1 - _WORTH) * before[weakest]:
+        if after[best][weakest] > (1 - _LEAST_GAIN) * before[weakest]:
             break
         found.append(Advice(possible[best], before, after[best]))
         known, before = known + informations[best], after[best]

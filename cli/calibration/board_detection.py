@@ -39,7 +39,7 @@ _WHY = {
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class BoardDetection:
     """A photograph as its file stores it.
 
     Attributes
@@ -72,13 +72,13 @@ class Look:
     focal_mm: float | None = None
 
 
-def look_at(
+def detect_boards(
     sources: Sequence[PhotoInput],
     board: Photographed,
     curve: ResponseCurve | None,
     progress: Callable[[int, int], None],
-) -> list[Look]:
-    """Look for the board in each photograph; the sizes and the repetitions among them are judged by `judged`.
+) -> list[BoardDetection]:
+    """Look for the board in each photograph; other cameras and repeated views are left to `exclude_inconsistent`.
 
     Raises
     ------
@@ -96,19 +96,19 @@ def look_at(
             twins[i] = seen[key]
         seen.setdefault(key, source.name)
 
-    def look(number: int) -> Look:
+    def detect(number: int) -> BoardDetection:
         source = sources[number]
         if number in twins:
-            return Look(source.name, reason=f"is the same file as {twins[number]}")
+            return BoardDetection(source.name, reason=f"is the same file as {twins[number]}")
         try:
-            return _looked(source, board, curve)
+            return _detect(source, board, curve)
         except DataError as error:
-            return Look(source.name, reason=str(error).removeprefix(f"{source.path}: "))
+            return BoardDetection(source.name, reason=str(error).removeprefix(f"{source.path}: "))
 
     found = []
     # Each result depends on its photograph alone, and OpenCV releases the interpreter lock.
     with ThreadPoolExecutor(1 if board.layout is not None else _TOGETHER) as pool:
-        for one in pool.map(look, range(len(sources))):
+        for one in pool.map(detect, range(len(sources))):
             found.append(one)
             progress(len(found), len(sources))
     return found
@@ -121,7 +121,7 @@ def _digest(path: Path) -> str:
         return path.as_posix()  # whoever reads it says what is wrong
 
 
-def _looked(source: PhotoInput, board: Photographed, curve: ResponseCurve | None) -> Look:
+def _detect(source: PhotoInput, board: Photographed, curve: ResponseCurve | None) -> BoardDetection:
     from roundel.scenes.camera.quarter_turns import TURNS
     from roundel.solver.photos.photo_file import as_stored, read_photo
     from roundel.validate.ingest.board_search import find_board
@@ -131,7 +131,7 @@ def _looked(source: PhotoInput, board: Photographed, curve: ResponseCurve | None
     stored = as_stored(photo.levels, turn)
     tags = photo.exif
     focal_mm = tags.focal_35mm_mm or tags.focal_mm
-    base = Look(
+    base = BoardDetection(
         source.name,
         (stored.shape[1], stored.shape[0]),
         turn,
@@ -152,7 +152,9 @@ def _looked(source: PhotoInput, board: Photographed, curve: ResponseCurve | None
     return replace(base, pixels=found.pixels, points_m=found.points_m)
 
 
-def _with_grid(base: Look, source: PhotoInput, board: Photographed, curve: ResponseCurve | None) -> Look:
+def _with_grid(
+    base: BoardDetection, source: PhotoInput, board: Photographed, curve: ResponseCurve | None
+) -> BoardDetection:
     from roundel.solver.calibration.calibrate_images import photographed_grid
 
     assert board.layout is not None
@@ -171,12 +173,12 @@ def _small(picture: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(image)
 
 
-def judged(found: Sequence[Look]) -> tuple[list[Look], tuple[int, int]]:
+def exclude_inconsistent(found: Sequence[BoardDetection]) -> tuple[list[BoardDetection], tuple[int, int]]:
     """The photographs with the reasons that follow from the others: another size, or the same view once more.
 
     Returns
     -------
-    looks : list of Look
+    detections : list of BoardDetection
     size_px : (int, int)
         That of most photographs with a board, as stored; that of most photographs if none has one.
 
@@ -185,30 +187,30 @@ def judged(found: Sequence[Look]) -> tuple[list[Look], tuple[int, int]]:
     UsageError
         If none could be read.
     """
-    read = [look for look in found if look.size_px != (0, 0)]
+    read = [photo for photo in found if photo.size_px != (0, 0)]
     if not read:
         raise UsageError(f"{found[0].name}: {found[0].reason}; none of the {len(found)} photographs can be used")
-    shown = [look for look in read if not look.reason] or read
-    size = Counter(look.size_px for look in shown).most_common(1)[0][0]
-    stated = Counter(look.focal_mm for look in shown if look.size_px == size and look.focal_mm is not None)
+    shown = [photo for photo in read if not photo.reason] or read
+    size = Counter(photo.size_px for photo in shown).most_common(1)[0][0]
+    stated = Counter(photo.focal_mm for photo in shown if photo.size_px == size and photo.focal_mm is not None)
     focal_mm = stated.most_common(1)[0][0] if stated else None
-    out: list[Look] = []
-    for look in found:
-        if not look.reason and look.size_px != size:
-            look = replace(look, reason=_other_size(look, size))
-        if not look.reason and look.focal_mm and focal_mm and abs(look.focal_mm / focal_mm - 1) > _SAME_FOCAL:
-            why = f"its EXIF has a focal length of {look.focal_mm:g} mm, most have {focal_mm:g} mm"
-            look = replace(look, reason=f"{why}: another lens or zoom is another camera")
-        twin = next((other for other in out if not other.reason and _same_view(look, other)), None)
-        if not look.reason and twin is not None:
-            look = replace(look, reason=f"shows the board exactly where {twin.name} does: it would count twice")
-        out.append(look)
+    out: list[BoardDetection] = []
+    for photo in found:
+        if not photo.reason and photo.size_px != size:
+            photo = replace(photo, reason=_other_size(photo, size))
+        if not photo.reason and photo.focal_mm and focal_mm and abs(photo.focal_mm / focal_mm - 1) > _SAME_FOCAL:
+            why = f"its EXIF has a focal length of {photo.focal_mm:g} mm, most have {focal_mm:g} mm"
+            photo = replace(photo, reason=f"{why}: another lens or zoom is another camera")
+        twin = next((other for other in out if not other.reason and _same_view(photo, other)), None)
+        if not photo.reason and twin is not None:
+            photo = replace(photo, reason=f"shows the board exactly where {twin.name} does: it would count twice")
+        out.append(photo)
     return out, size
 
 
-def _other_size(look: Look, size: tuple[int, int]) -> str:
-    width, height = look.size_px
-    if look.size_px == size[::-1]:
+def _other_size(photo: BoardDetection, size: tuple[int, int]) -> str:
+    width, height = photo.size_px
+    if photo.size_px == size[::-1]:
         why = "it was turned without a note in its EXIF; use the file as the camera wrote it"
     elif abs(width * size[1] - height * size[0]) <= max(size) * 2:
         why = "it was scaled, or taken in another mode; use the file as the camera wrote it"
@@ -217,9 +219,9 @@ def _other_size(look: Look, size: tuple[int, int]) -> str:
     return f"has {width}x{height} px, but most have {size[0]}x{size[1]}: {why}"
 
 
-def _same_view(look: Look, other: Look) -> bool:
-    if look.size_px != other.size_px or look.points_m.shape != other.points_m.shape:
+def _same_view(photo: BoardDetection, other: BoardDetection) -> bool:
+    if photo.size_px != other.size_px or photo.points_m.shape != other.points_m.shape:
         return False
-    if not np.array_equal(look.points_m, other.points_m):
+    if not np.array_equal(photo.points_m, other.points_m):
         return False
-    return bool(np.sqrt(np.mean(np.sum((look.pixels - other.pixels) ** 2, axis=-1))) < _SAME_PX)
+    return bool(np.sqrt(np.mean(np.sum((photo.pixels - other.pixels) ** 2, axis=-1))) < _SAME_PX)
